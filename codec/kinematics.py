@@ -48,6 +48,14 @@ def end_positions(skeleton: Skeleton, world: FloatArray, positions: FloatArray) 
     return np.asarray(positions[:, carriers] + arms)
 
 
+def hanging_joints(skeleton: Skeleton) -> FloatArray:
+    """Return how many joints hang on each joint (joints,), itself included."""
+    hanging = np.ones(skeleton.joints)
+    for joint in range(skeleton.joints - 1, 0, -1):
+        hanging[skeleton.parents[joint]] += hanging[joint]
+    return hanging
+
+
 def levers(skeleton: Skeleton) -> FloatArray:
     """Return each joint's lever (joints,), centimetres of displacement per radian of error.
 
@@ -55,9 +63,7 @@ def levers(skeleton: Skeleton) -> FloatArray:
     × |offset|²: the root of the summed squared displacements that a small turn of this
     joint's world orientation causes, with the 3 cm shell for the joint itself.
     """
-    hanging = np.ones(skeleton.joints)
-    for joint in range(skeleton.joints - 1, 0, -1):
-        hanging[skeleton.parents[joint]] += hanging[joint]
+    hanging = hanging_joints(skeleton)
     square = np.full(skeleton.joints, 9.0)
     for joint in range(1, skeleton.joints):
         square[skeleton.parents[joint]] += hanging[joint] * (skeleton.offsets[joint] ** 2).sum()

@@ -76,6 +76,23 @@ def to_quaternions(matrices: FloatArray) -> FloatArray:
     return np.where(q[..., :1] < 0, -q, q)
 
 
+def from_quaternions(quaternions: FloatArray) -> FloatArray:
+    """Return the matrices (..., 3, 3) of quaternions (..., 4) as (w, x, y, z), of any length."""
+    q = quaternions / np.sqrt(np.square(quaternions).sum(axis=-1, keepdims=True))
+    w, x, y, z = (q[..., part] for part in range(4))
+    out = np.empty((*q.shape[:-1], 3, 3))
+    out[..., 0, 0] = 1 - 2 * (y * y + z * z)
+    out[..., 1, 1] = 1 - 2 * (x * x + z * z)
+    out[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    out[..., 0, 1] = 2 * (x * y - w * z)
+    out[..., 1, 0] = 2 * (x * y + w * z)
+    out[..., 0, 2] = 2 * (x * z + w * y)
+    out[..., 2, 0] = 2 * (x * z - w * y)
+    out[..., 1, 2] = 2 * (y * z - w * x)
+    out[..., 2, 1] = 2 * (y * z + w * x)
+    return out
+
+
 def about_axis(axis: int, angles: FloatArray) -> FloatArray:
     """Return the matrices (..., 3, 3) of turns by ``angles`` (...) radians about X, Y or Z."""
     out = np.zeros((*angles.shape, 3, 3))

@@ -1,0 +1,273 @@
+"""From a clip to an index file that is inside its tolerance, proved by decoding it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .clip import BoolArray, Clip, FloatArray, IntArray, MarkerClip, SkeletonClip
+from .conform import conformed
+from .decode import decode, pattern_course
+from .errors import GuaranteeError, UnsupportedError
+from .gaps import filled
+from .index_file import IndexFile, float32_above, pack, unpack
+from .kinematics import world_positions, world_rotations
+from .layers import (
+    ORDERS,
+    PartIndex,
+    Preview,
+    can_slide,
+    part_starts,
+    predicted,
+    write_preview,
+    write_rest,
+)
+from .metrics import Errors, clip_errors, marker_errors, shell_errors, summarise
+from .nearest import NearestPatterns
+from .patterns import Codebook
+from .quantiser import code_below, step_of
+from .rig import Rig
+from .segments import Segments, most_frames
+from .signals import (
+    Frame,
+    choose_bases,
+    dequantise_markers,
+    quantise_markers,
+    quantise_skeleton,
+)
+
+STILL_SHARE = 0.1  # of the tolerance: a translation that varies less is taken as the rest offset
+FIRST_GUESS = 0.55  # step over tolerance that mostly ends just inside
+CLOSE_ENOUGH = 0.96  # of the tolerance: the search for a larger step stops there
+TRIALS = 8
+LEAST_STEP = 1e-9  # centimetres
+
+
+@dataclass(frozen=True, eq=False)
+class Encoded:
+    """An encoded clip: the bytes of its index file and the certificate that is in them."""
+
+    data: bytes
+    certificate: Errors
+    used_patterns: tuple[IntArray, ...]  # per part: the pattern of every segment, -1 for none
+
+
+def measure(original: Clip, decoded: Clip) -> Errors:
+    """Return the errors of a decoded clip, over joints, end sites and frames, centimetres."""
+    if isinstance(original, MarkerClip):
+        assert isinstance(decoded, MarkerClip)
+        return summarise(marker_errors(original, decoded))
+    assert isinstance(decoded, SkeletonClip)
+    return summarise(clip_errors(original, decoded))
+
+
+def encode(
+    clip: Clip,
+    rig: Rig,
+    rig_number: int,
+    codebook: Codebook,
+    generation: int,
+    segments: list[Segments | None],
+    searchers: list[NearestPatterns],
+    *,
+    tolerance: float,
+    radius: float,
+) -> Encoded:
+    """Return the index file of ``clip``, whose error is inside ``tolerance`` centimetres.
+
+    ``codebook``: the patterns of the clip's rig family at ``generation``; ``segments`` and
+    ``searchers``: per part, the clip's segments and the codebook's patterns for look-up;
+    ``radius``: how far (RMS centimetres) a segment may be from its pattern. Raises
+    `GuaranteeError` if no quantiser step brings the clip inside.
+    """
+    _check_finite(clip)
+    index = tuple(
+        None if part is None else _indexed(part, searcher, radius)
+        for part, searcher in zip(segments, searchers, strict=True)
+    )
+    subject = _Subject.of(clip, rig, codebook, index, tolerance)
+    code = _search_step(subject, tolerance)
+    data = _packed(subject, rig_number, generation, code, tolerance)
+    return Encoded(
+        data,
+        unpack(data).certificate,
+        tuple(np.zeros(0, np.int64) if part is None else part.patterns for part in index),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Subject:
+    """The clip under the encoder's knife: everything that does not depend on the step."""
+
+    clip: Clip
+    rig: Rig
+    codebook: Codebook
+    preview: Preview  # orders and the use of patterns are still open
+    world: FloatArray  # (frames, joints, 3, 3) world rotations; of markers: empty
+    positions: FloatArray  # (frames, joints, 3) world positions; of markers: with gaps filled
+
+    @classmethod
+    def of(
+        cls,
+        clip: Clip,
+        rig: Rig,
+        codebook: Codebook,
+        index: tuple[PartIndex | None, ...],
+        tolerance: float,
+    ) -> _Subject:
+        orders = tuple(2 for _ in codebook.family.parts)
+        if isinstance(clip, MarkerClip):
+            preview = Preview(None, clip.seen, index, orders)
+            return cls(clip, rig, codebook, preview, np.zeros(0), filled(clip.positions))
+        world = world_rotations(clip.skeleton, clip.rotations)
+        moved = np.abs(clip.translations - rig.skeleton.offsets).max(axis=(0, 2), initial=0.0)
+        slides = moved > min(STILL_SHARE * tolerance, 0.02)
+        sliding = tuple(joint for joint in can_slide(rig) if slides[joint])
+        frame = Frame(choose_bases(codebook.family, world), sliding)
+        positions = world_positions(clip.skeleton, world, clip.translations)
+        return cls(clip, rig, codebook, Preview(frame, None, index, orders), world, positions)
+
+    def quantised(self, step: float) -> tuple[list[IntArray], float]:
+        """Return every part's integers at a quantiser step, and the largest error, centimetres."""
+        family, skeleton = self.codebook.family, self.rig.skeleton
+        if self.preview.frame is None:
+            integers = quantise_markers(family, self.positions, step)
+            back = dequantise_markers(family, [*integers], skeleton.joints, step)
+            square = np.square(back - self.positions).sum(axis=2)
+            seen = self.preview.seen
+            assert seen is not None
+            return integers, float(np.sqrt(square[seen].max(initial=0.0)))
+        assert isinstance(self.clip, SkeletonClip)
+        integers, world, shifts = quantise_skeleton(
+            family, self.preview.frame, skeleton.offsets, self.world, self.clip.translations, step
+        )
+        world = conformed(skeleton, self.rig.layout, world)
+        positions = world_positions(skeleton, world, shifts)
+        errors = shell_errors(skeleton, self.world, self.positions, world, positions)
+        return integers, float(errors.max(initial=0.0))
+
+
+def _check_finite(clip: Clip) -> None:
+    values = clip.positions if isinstance(clip, MarkerClip) else clip.translations
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    if not largest < 1e7:
+        raise UnsupportedError(
+            f"positions reach {largest:.3g} cm", advice="Check the file's unit (--units)"
+        )
+
+
+def _indexed(part: Segments, searcher: NearestPatterns, radius: float) -> PartIndex:
+    numbers, _ = searcher.within(part.points, radius)
+    return PartIndex(part.borders, numbers, np.zeros(len(numbers), bool))
+
+
+def _search_step(subject: _Subject, tolerance: float) -> int:
+    """Return the code of the largest step found whose error is inside ``tolerance``.
+
+    The error is close to proportional to the step, so each trial scales the step by what the
+    last one missed.
+    """
+    if subject.clip.frames == 0:
+        return code_below(FIRST_GUESS * tolerance)
+    best: int | None = None
+    code = code_below(FIRST_GUESS * tolerance)
+    tried: set[int] = set()
+    for _ in range(TRIALS):
+        tried.add(code)
+        _, error = subject.quantised(step_of(code))
+        inside = float32_above(error) <= tolerance
+        if inside:
+            best = code if best is None else max(best, code)
+            if error >= CLOSE_ENOUGH * tolerance or error <= 0.0:
+                break
+        aim = 0.985 if inside else 0.97
+        factor = min(max(aim * tolerance / max(error, 1e-12), 0.05), 4.0)
+        code = code_below(step_of(code) * factor)
+        if (best is not None and code <= best) or code in tried:
+            break
+    while best is None:
+        code = code_below(step_of(min(tried)) * 0.7)
+        step = step_of(code)
+        if step < LEAST_STEP:
+            raise GuaranteeError(
+                f"no quantiser step brings the clip inside {tolerance:g} cm",
+                advice="Ask for a larger tolerance",
+            )
+        tried.add(code)
+        if float32_above(subject.quantised(step)[1]) <= tolerance:
+            best = code
+    return best
+
+
+def _packed(
+    subject: _Subject, rig_number: int, generation: int, code: int, tolerance: float
+) -> bytes:
+    """Return the index file at a step, certified by decoding exactly what is returned."""
+    step = step_of(code)
+    integers, _ = subject.quantised(step)
+    chosen, lefts = _choose_predictors(subject, integers, step)
+    longest = most_frames(subject.rig.frame_time)
+    index = IndexFile(
+        rig_number,
+        generation,
+        subject.clip.frames,
+        code,
+        Errors(0.0, 0.0, 0.0),
+        write_preview(subject.rig, subject.codebook, chosen, longest, lefts[0]),
+        write_rest(lefts[1:]),
+    )
+    decoded = decode(unpack(pack(index)), subject.rig, subject.codebook)
+    certificate = measure(subject.clip, decoded)
+    if isinstance(decoded, MarkerClip) and (decoded.seen != subject.preview.seen).any():
+        raise GuaranteeError("the gaps of the decoded clip differ from the original's")
+    if float32_above(certificate.maximum) > tolerance:
+        raise GuaranteeError(
+            f"the decoded clip is {certificate.maximum:g} cm off, outside {tolerance:g} cm"
+        )
+    return pack(replace(index, certificate=certificate))
+
+
+def _choose_predictors(
+    subject: _Subject, integers: list[IntArray], step: float
+) -> tuple[Preview, list[IntArray]]:
+    """Return the preview with predictors chosen by cost, and each part's prediction residual."""
+    preview = subject.preview
+    orders, parts, lefts = [], [], []
+    for number, (part, values) in enumerate(
+        zip(subject.codebook.family.parts, integers, strict=True)
+    ):
+        starts = part_starts(preview, part.joints, values.shape[1])
+        best: tuple[float, int, PartIndex | None, IntArray] | None = None
+        for order in ORDERS:
+            index, left = _use_patterns(subject, number, values, step, order, starts)
+            cost = float(_cost(left).sum())
+            if best is None or cost < best[0]:
+                best = cost, order, index, left
+        assert best is not None
+        orders.append(best[1])
+        parts.append(best[2])
+        lefts.append(best[3])
+    return replace(preview, orders=tuple(orders), parts=tuple(parts)), lefts
+
+
+def _use_patterns(
+    subject: _Subject, number: int, values: IntArray, step: float, order: int, starts: BoolArray
+) -> tuple[PartIndex | None, IntArray]:
+    """Return a part's index with patterns predicting where that is cheaper, and what is left."""
+    index = subject.preview.parts[number]
+    plain = predicted(values, None, None, starts, order)
+    if index is None or not len(index.patterns):
+        return index, plain
+    course = np.rint(pattern_course(subject.codebook, subject.preview, number) / step)
+    course = course.astype(np.int64)
+    all_used = replace(index, predicts=index.patterns >= 0)
+    helped = predicted(values, course, all_used, starts, order)
+    gain = np.add.reduceat(_cost(plain) - _cost(helped), index.borders[:-1])
+    chosen = replace(index, predicts=(gain > 0) & (index.patterns >= 0))
+    return chosen, predicted(values, course, chosen, starts, order)
+
+
+def _cost(left: IntArray) -> FloatArray:
+    """Return about how many bits each frame's residual (frames, channels) costs."""
+    return np.asarray(np.log2(1.0 + 2.0 * np.abs(left)).sum(axis=1))
