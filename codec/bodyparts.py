@@ -86,10 +86,8 @@ def body_parts(skeleton: Skeleton, overrides: PartsFile | None = None) -> tuple[
         _check_names(skeleton, members, overrides)
 
     parents = [int(parent) for parent in skeleton.parents]
-    carriers = {
-        name: _carrier(name, joints[0], parents, labels) for name, joints in members.items()
-    }
-    above = {name: labels[joint] if joint >= 0 else "" for name, joint in carriers.items()}
+    carriers = {name: _carriers(name, members[name], parents, labels) for name in members}
+    above = {name: labels[joints[0]] if joints else "" for name, joints in carriers.items()}
     above |= {name: entry.parent for name, entry in entries.items() if entry.parent}
     children: dict[str, list[str]] = {name: [] for name in ("", *members)}
     for name, parent in above.items():
@@ -116,18 +114,23 @@ def body_parts(skeleton: Skeleton, overrides: PartsFile | None = None) -> tuple[
     return tuple(parts)
 
 
-def _carrier(name: str, first: int, parents: Sequence[int], labels: Sequence[str]) -> int:
-    """Return the joint, of another part, that a part's first joint hangs on; -1 for the root."""
-    if first == 0:
-        return -1
-    joint = parents[first]
+def _carriers(
+    name: str, joints: Sequence[int], parents: Sequence[int], labels: Sequence[str]
+) -> list[int]:
+    """Return the joints of other parts that a part's joints hang on; none for the root."""
     allowed = _ABOVE.get(bare_part(name))
-    while allowed and joint > 0:
-        part = bare_part(labels[joint])
-        if part in allowed or part not in _ABOVE:  # a person's own parts may carry anything
-            break
-        joint = parents[joint]
-    return joint
+    found: list[int] = []
+    for joint in joints:
+        carrier = parents[joint]
+        if carrier < 0 or labels[carrier] == name:
+            continue
+        while allowed and carrier > 0 and not found:  # the first joint decides
+            part = bare_part(labels[carrier])
+            if part in allowed or part not in _ABOVE:  # a person's own parts may carry anything
+                break
+            carrier = parents[carrier]
+        found.append(carrier)
+    return found
 
 
 def _parents_first(children: Mapping[str, Sequence[str]]) -> list[str]:
@@ -142,11 +145,14 @@ def _parents_first(children: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def _reference(
-    name: str, joints: Sequence[int], children: Sequence[str], carriers: Mapping[str, int]
+    name: str,
+    joints: Sequence[int],
+    children: Sequence[str],
+    carriers: Mapping[str, Sequence[int]],
 ) -> int:
     """Return the joint that carries the most children; props and the like count only alone."""
     body = [child for child in children if not child.startswith("other_")] or children
-    carried = Counter(carriers[child] for child in body)
+    carried = Counter(carrier for child in body for carrier in set(carriers[child]))
     if name == "root" or not carried:
         return joints[-1]
     return max(joints, key=lambda joint: (carried[joint], joint))

@@ -94,10 +94,10 @@ def pattern_course(codebook: Codebook, preview: Preview, number: int) -> FloatAr
     """
     index = preview.parts[number]
     assert index is not None, "the root part has no patterns"
-    table = codebook.patterns[number]
+    table = codebook.centimetres[number]
     if len(index.patterns) and index.patterns.max() >= len(table):
         raise DamagedError(f"names pattern {index.patterns.max()} of {len(table)}")
-    padded = np.concatenate([table, np.zeros((1, *table.shape[1:]), table.dtype)])
+    padded = np.concatenate([table, np.zeros((1, *table.shape[1:]))])
     return unfold(padded[index.patterns], index.borders)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from .nearest import NearestPatterns
 from .patterns import Codebook
 from .quantiser import code_below, step_of
 from .rig import Rig
-from .segments import Segments, most_frames
+from .segments import SegmentRules, Segments, clip_segments, most_frames
 from .signals import (
     Frame,
     choose_bases,
@@ -62,38 +63,49 @@ def measure(original: Clip, decoded: Clip) -> Errors:
     return summarise(clip_errors(original, decoded))
 
 
-def encode(
-    clip: Clip,
-    rig: Rig,
-    rig_number: int,
-    codebook: Codebook,
-    generation: int,
-    segments: list[Segments | None],
-    searchers: list[NearestPatterns],
-    *,
-    tolerance: float,
-    radius: float,
-) -> Encoded:
-    """Return the index file of ``clip``, whose error is inside ``tolerance`` centimetres.
+@dataclass(frozen=True, eq=False)
+class Encoder:
+    """Encodes clips of one rig family against one generation of its patterns.
 
-    ``codebook``: the patterns of the clip's rig family at ``generation``; ``segments`` and
-    ``searchers``: per part, the clip's segments and the codebook's patterns for look-up;
-    ``radius``: how far (RMS centimetres) a segment may be from its pattern. Raises
-    `GuaranteeError` if no quantiser step brings the clip inside.
+    ``tolerance``: the largest error allowed, centimetres; ``rules``: how clips are cut;
+    ``radius``: how far (RMS centimetres) a segment may be from its pattern. Pickles small:
+    the look-up of patterns is built where it is first used.
     """
-    _check_finite(clip)
-    index = tuple(
-        None if part is None else _indexed(part, searcher, radius)
-        for part, searcher in zip(segments, searchers, strict=True)
-    )
-    subject = _Subject.of(clip, rig, codebook, index, tolerance)
-    code = _search_step(subject, tolerance)
-    data = _packed(subject, rig_number, generation, code, tolerance)
-    return Encoded(
-        data,
-        unpack(data).certificate,
-        tuple(np.zeros(0, np.int64) if part is None else part.patterns for part in index),
-    )
+
+    codebook: Codebook
+    generation: int
+    tolerance: float
+    radius: float
+    rules: SegmentRules
+
+    @cached_property
+    def searchers(self) -> tuple[NearestPatterns, ...]:
+        """The patterns of each part, for look-up."""
+        return tuple(NearestPatterns(points) for points in self.codebook.centimetres)
+
+    def __getstate__(self) -> dict[str, object]:
+        state = dict(self.__dict__)
+        state.pop("searchers", None)
+        return state
+
+    def encode(self, clip: Clip, rig: Rig, rig_number: int) -> Encoded:
+        """Return the index file of ``clip``, whose error is inside the tolerance.
+
+        ``rig``: the clip's rig, ``rig_number``: its number in the store. Raises
+        `GuaranteeError` if no quantiser step brings the clip inside, `UnsupportedError` for
+        positions that no tolerance can be kept for.
+        """
+        _check_size(clip)
+        segments = clip_segments(clip, self.codebook.family, self.rules)
+        index = tuple(
+            None if part is None else _indexed(part, searcher, self.radius)
+            for part, searcher in zip(segments, self.searchers, strict=True)
+        )
+        subject = _Subject.of(clip, rig, self.codebook, index, self.tolerance)
+        code = _search_step(subject, self.tolerance)
+        data = _packed(subject, rig_number, self.generation, code, self.tolerance)
+        used = tuple(np.zeros(0, np.int64) if part is None else part.patterns for part in index)
+        return Encoded(data, unpack(data).certificate, used)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +160,7 @@ class _Subject:
         return integers, float(errors.max(initial=0.0))
 
 
-def _check_finite(clip: Clip) -> None:
+def _check_size(clip: Clip) -> None:
     values = clip.positions if isinstance(clip, MarkerClip) else clip.translations
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     if not largest < 1e7:

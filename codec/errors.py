@@ -8,6 +8,7 @@
     │   └── UnsupportedError  it is valid, but holds something motifold does not handle
     ├── UsageError            the call is the problem: change an argument
     ├── GuaranteeError        a clip cannot be brought inside the asked tolerance
+    ├── SchedulerError        the Dask scheduler or its workers are gone: start them again
     └── ArchiveError          the archive is the problem
         ├── NotAnArchiveError there is no archive at this path
         ├── VersionError      written by a newer (or no longer supported) motifold
@@ -79,6 +80,10 @@ class UsageError(MotifoldError):
 
 class GuaranteeError(MotifoldError):
     """A clip cannot be brought inside the tolerance that was asked for."""
+
+
+class SchedulerError(MotifoldError):
+    """The Dask scheduler cannot be reached, or all of its workers are gone."""
 
 
 class ArchiveError(MotifoldError):

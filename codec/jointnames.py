@@ -8,6 +8,7 @@ Xsens and Rokoko, VRM.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 Side: TypeAlias = Literal["left", "right", ""]
@@ -61,13 +62,14 @@ _PATTERNS: tuple[tuple[Role, str], ...] = (
 _RULES: tuple[tuple[Role, re.Pattern[str]], ...] = tuple(
     (role, re.compile(pattern)) for role, pattern in _PATTERNS
 )
-_ROOT = re.compile(r"root|\bhips?|pelvis|\bpelv\b")
+_ROOT = re.compile(r"root|\bhips?\b|pelvis")
 _VERTEBRA = re.compile(r"[TL]\d{1,2}")  # Xsens: L5, L3, T12, T8
 _WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+")
 _SIDES: dict[str, Side] = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _NOISE = frozenset(("armature", "bip", "bone", "character", "jnt", "joint", "mixamorig", "subject"))
 
 
+@lru_cache(maxsize=4096)
 def read_name(name: str) -> tuple[Side, Role]:
     """Return the side and the role that a joint's name states, either "" where it is silent.
 

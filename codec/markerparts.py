@@ -22,6 +22,8 @@ DISTANCE_WEIGHT = 0.02
 SAMPLED_FRAMES = 200
 WELL_SEEN = 0.25
 """Markers seen in fewer frames than this, times the best seen one's, do not form parts."""
+MOST_MARKERS = 1000
+"""Sets of more markers stay in one part: time and memory grow with the square of the number."""
 KNOWN_SHARE = 0.75
 """The share of Plug-in Gait's markers that must be there for its hierarchy to be used."""
 
@@ -68,11 +70,14 @@ def marker_parts(names: tuple[str, ...], positions: FloatArray) -> tuple[BodyPar
     ``positions``: (frames, markers, 3) centimetres, NaN in gaps. The names of the markers
     decide where `KNOWN_SHARE` of Plug-in Gait's are there (with or without a subject's name and
     a colon before them); other markers then join the part that they move most rigidly with.
-    Markers that were never seen with another one form the part ``unseen`` under the root.
+    Markers that were never seen with another one form the part ``unseen`` under the root. More
+    than `MOST_MARKERS` markers form a single part.
     Deterministic; the order of the markers does not matter where their names differ.
     """
     if not names:
         return ()
+    if len(names) > MOST_MARKERS:
+        return (BodyPart("root", tuple(range(len(names))), -1, 0),)
     pairs = _pairs(positions)
     known = _known_groups(names)
     if known:

@@ -18,15 +18,30 @@ from .clip import FloatArray, IntArray
 from .rig import Family
 
 PATTERN_FRAMES = 16
-PATTERN_UNIT = 1.0 / 64.0  # centimetres; patterns are stored as whole multiples of it
+PATTERN_STEP = 2.0  # centimetres; a power of two, so that products with it are exact
+_COSINE_BITS = 12
+
+
+def _cosines() -> IntArray:
+    """Return the orthonormal cosine basis (courses, frames) × 4096, rounded to integers.
+
+    Integers, so that a machine whose cosine differs in the last bit gets the same patterns.
+    """
+    course, frame = np.ogrid[:PATTERN_FRAMES, :PATTERN_FRAMES]
+    basis = np.cos(np.pi * course * (frame + 0.5) / PATTERN_FRAMES) * np.sqrt(2 / PATTERN_FRAMES)
+    basis[0] /= np.sqrt(2.0)
+    return np.asarray(np.rint(basis * (1 << _COSINE_BITS)), np.int64)
+
+
+COSINES = _cosines()
 
 
 @dataclass(frozen=True, eq=False)
 class Codebook:
     """A rig family with the patterns of its parts, as of one generation of the store.
 
-    ``patterns``: per part (patterns, 16, channels) int16, in `PATTERN_UNIT`; a part without
-    patterns (the root part, always) has none of them.
+    ``patterns``: per part (patterns, 16, channels) int16, coefficients of `COSINES` along
+    time in `PATTERN_STEP`; a part without patterns (the root part, always) has none of them.
     """
 
     family: Family
@@ -56,14 +71,16 @@ def pattern_channels(part: BodyPart) -> int:
     return 0 if part.parent < 0 else 3 * len(part.joints)
 
 
-def to_units(points: FloatArray) -> npt.NDArray[np.int16]:
-    """Round pattern points in centimetres to stored units."""
-    return np.clip(np.rint(points / PATTERN_UNIT), -32767, 32767).astype(np.int16)
+def to_coefficients(points: FloatArray) -> npt.NDArray[np.int16]:
+    """Round points (n, 16, channels) in centimetres to stored cosine coefficients."""
+    exact = np.einsum("kt,ntc->nkc", COSINES / (1 << _COSINE_BITS), points) / PATTERN_STEP
+    return np.asarray(np.clip(np.rint(exact), -32767, 32767), np.int16)
 
 
 def to_centimetres(patterns: npt.NDArray[np.int16]) -> FloatArray:
-    """Return stored patterns in centimetres."""
-    return np.asarray(patterns * PATTERN_UNIT)
+    """Return stored patterns (n, 16, channels) as points in centimetres, exactly alike anywhere."""
+    sums = np.einsum("kt,nkc->ntc", COSINES, patterns.astype(np.int64))
+    return np.asarray(sums * (PATTERN_STEP / (1 << _COSINE_BITS)))
 
 
 def distance_scale(channels: int) -> float:
@@ -71,8 +88,8 @@ def distance_scale(channels: int) -> float:
     return float(np.sqrt(PATTERN_FRAMES * max(channels, 3) / 3.0))
 
 
-def unfold(patterns: npt.NDArray[np.int16], borders: IntArray) -> FloatArray:
-    """Lay patterns (segments, 16, channels) along a clip: (frames, channels), centimetres.
+def unfold(patterns: FloatArray, borders: IntArray) -> FloatArray:
+    """Lay patterns (segments, 16, channels), centimetres, along a clip: (frames, channels).
 
     Segment s takes the frames ``borders[s]`` to ``borders[s + 1]``; its pattern is stretched
     over them by Catmull-Rom interpolation. Elementwise IEEE arithmetic in a fixed order, so
@@ -87,10 +104,8 @@ def unfold(patterns: npt.NDArray[np.int16], borders: IntArray) -> FloatArray:
     knot = np.minimum(ticks // spans, PATTERN_FRAMES - 2)
     along = ((ticks - knot * spans) / spans)[:, None]
     before, after = np.maximum(knot - 1, 0), np.minimum(knot + 2, PATTERN_FRAMES - 1)
-    p0, p1, p2, p3 = (
-        patterns[segment, index].astype(np.float64) for index in (before, knot, knot + 1, after)
-    )
+    p0, p1, p2, p3 = (patterns[segment, index] for index in (before, knot, knot + 1, after))
     slope1, slope2, rise = (p2 - p0) * 0.5, (p3 - p1) * 0.5, p2 - p1
     cubic = slope1 + slope2 - 2.0 * rise
     square = 3.0 * rise - 2.0 * slope1 - slope2
-    return np.asarray((p1 + along * (slope1 + along * (square + along * cubic))) * PATTERN_UNIT)
+    return np.asarray(p1 + along * (slope1 + along * (square + along * cubic)))

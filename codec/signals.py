@@ -68,12 +68,12 @@ def part_channels(part: BodyPart, frame: Frame | None) -> int:
     return 3 * len(part.joints) + (3 * len(frame.sliding_in(part)) if frame else 0)
 
 
-def relative_rotations(family: Family, part: BodyPart, world: FloatArray) -> FloatArray:
+def relative_rotations(parts: Sequence[BodyPart], part: BodyPart, world: FloatArray) -> FloatArray:
     """Return (frames, joints of the part, 3, 3): orientations in the reference joint's axes."""
     own = world[:, part.joints]
     if part.parent < 0:
         return own
-    reference = world[:, family.parts[part.parent].reference]
+    reference = world[:, parts[part.parent].reference]
     return np.asarray(np.swapaxes(reference, -1, -2)[:, None] @ own)
 
 
@@ -90,7 +90,7 @@ def choose_bases(family: Family, world: FloatArray) -> IntArray:
     for part in family.parts:
         columns = list(part.joints)
         centres = family.centre_rotations[columns]
-        turned = np.swapaxes(centres, -1, -2) @ relative_rotations(family, part, world)
+        turned = np.swapaxes(centres, -1, -2) @ relative_rotations(family.parts, part, world)
         # the trace says the angle: 1 + 2 cos(angle)
         far = np.einsum("fjii->fj", turned) < 1.0 + 2.0 * np.cos(BASE_ENTER)
         for position in np.flatnonzero(far.any(axis=0)):
@@ -122,7 +122,7 @@ def turn_signals(family: Family, part: BodyPart, world: FloatArray) -> FloatArra
     """
     columns = list(part.joints)
     centres = np.swapaxes(family.centre_rotations[columns], -1, -2)
-    vectors = to_axis_angle(centres @ relative_rotations(family, part, world))
+    vectors = to_axis_angle(centres @ relative_rotations(family.parts, part, world))
     vectors = _unwrapped(vectors) * family.turn_scale[columns, None]
     return vectors.reshape(len(world), -1)
 

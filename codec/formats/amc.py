@@ -12,8 +12,8 @@ from ..clip import FloatArray, Layout, Repair, SkeletonClip, UnitSource
 from ..errors import FormatError, InputError
 from ..rotations import from_euler
 from .asf import AsfRig, parse_asf
-from .bvh_hierarchy import LARGEST, usable_number
 from .channels import POSITIONS, check_size
+from .numerals import LARGEST, cut_short, usable_number
 from .units import estimate_unit, parse_units
 
 __all__ = ["AsfRig", "parse_amc", "parse_asf"]
@@ -169,7 +169,8 @@ def _uneven_frames(lines: list[bytes], first: int, rig: AsfRig) -> _Motion:
             poses.append({})
         elif words:
             problem = _take_bone(words, poses[-1], joints, rig)
-            if problem and (i < last or problem.endswith(_NO_NUMBER)):
+            whole = i < last or (problem.endswith(_NO_NUMBER) and not cut_short(words[-1]))
+            if problem and whole:
                 raise FormatError(f"frame {numbers[-1]}: {problem}", place=f"line {i + 1}")
             cut = problem
     repairs: list[Repair] = []

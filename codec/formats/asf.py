@@ -19,7 +19,8 @@ import numpy as np
 from ..clip import FloatArray, Repair, Skeleton
 from ..errors import FormatError, InputError, UnsupportedError
 from ..rotations import from_euler
-from .bvh_hierarchy import MAX_JOINTS, usable_number
+from .bvh_hierarchy import MAX_JOINTS
+from .numerals import usable_number
 
 _DOFS = ("tx", "ty", "tz", "rx", "ry", "rz")
 

@@ -17,15 +17,14 @@ import numpy as np
 from ..clip import FloatArray, Layout, Repair, Skeleton, SkeletonClip, UnitSource
 from ..errors import FormatError, InputError
 from .bvh_hierarchy import (
-    LARGEST,
     LINE_END,
     Hierarchy,
     build_hierarchy,
     depth_first,
     parse_hierarchy,
-    usable_number,
 )
 from .channels import POSITIONS, check_size, fold, unfold
+from .numerals import LARGEST, cut_short, usable_number
 from .units import estimate_unit, parse_units
 
 DEFAULT_FRAME_TIME = 1.0 / 30.0
@@ -174,6 +173,8 @@ def _one_line_per_frame(
     if not counts.any():
         return []
     last = int(np.flatnonzero(counts)[-1])
+    if cut_short(lines[last].split()[-1]):
+        counts[last] -= 1
     ends = counts.cumsum()
     frames = int(ends[-1]) // width if width else 0
     wrapped = np.isin(np.arange(1, frames + 1) * width, ends).all()

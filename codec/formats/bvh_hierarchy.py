@@ -12,11 +12,9 @@ import numpy as np
 from ..clip import Skeleton
 from ..errors import FormatError, InputError, UnsupportedError
 from .channels import POSITIONS, ROTATIONS, Channels, rotation_order
+from .numerals import usable_number
 
 MAX_JOINTS = 10_000
-LARGEST = 1e9
-"""Units or degrees. Beyond it a number is damage, and sums along a chain lose all precision."""
-
 LINE_END = re.compile(r"\r\n|\r|\n")
 _BYTE_ORDER_MARK = "\xef\xbb\xbf"
 _TOKEN = re.compile(r"[{}]|[^\s{}]+", re.ASCII)
@@ -165,16 +163,6 @@ class _Reader:
         if not self.innermost_offset():
             raise self.error("a joint or end site without OFFSET")
         self.open.pop()
-
-
-def usable_number(token: str | bytes) -> float:
-    """Return the number that a token spells, NaN where it spells none below `LARGEST`."""
-    try:
-        number = float(token)
-    except ValueError:
-        return math.nan
-    underscore = b"_" in token if isinstance(token, bytes) else "_" in token
-    return number if abs(number) < LARGEST and not underscore else math.nan
 
 
 def _decoded(name: str) -> str:

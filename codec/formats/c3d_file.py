@@ -71,7 +71,8 @@ def _parse(data: bytes, units: str | None) -> MarkerClip:
             first, claimed = _frame_range(reader)
             groups = sorted(str(group.name) for group in reader.group_values())
         except _LIBRARY_ERRORS as error:
-            problem = f"not a readable C3D file ({str(error)[:200] or type(error).__name__})"
+            reason = str(error)[:200] or type(error).__name__
+            problem = f"not a readable C3D file (the c3d library says: {reason})"
             raise FormatError(problem, place="header and parameters", advice=_ADVICE) from error
 
     _check_header(reader.header, points, float(rate), scale, repairs)

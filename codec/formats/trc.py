@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,12 +18,11 @@ from ..clip import FloatArray, Layout, MarkerClip, Repair, UnitSource
 from ..errors import FormatError, InputError, UsageError
 from .units import parse_units
 
+Header: TypeAlias = dict[str, str]
+
 FARTHEST = 1e7  # centimetres (100 km): what lies beyond is a damaged number, not a marker
 ASSUMED_RATE = 100.0  # frames per second
-_FIELDS = (
-    "DataRate\tCameraRate\tNumFrames\tNumMarkers\t"
-    "Units\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"
-)
+_FIELDS = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame "
 _NUMBER = re.compile(rb"\s*([-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|nan)?\s*", re.IGNORECASE)
 _AXES = re.compile(rb"\s*X\d*(\s|$)", re.IGNORECASE)
 
@@ -49,18 +49,17 @@ def format_trc(clip: MarkerClip) -> bytes:
     Numbers are rounded to 1e-6 cm (or finer), gaps become empty cells. Takes clips that were
     read from C3D files as well. Raises UsageError for a marker name with a tab or line break.
     """
-    for name in clip.names:
-        if re.search(r"[\t\r\n]", name):
-            raise UsageError(f"marker name {name!r} does not fit into a TRC file")
+    if re.search(r"[\t\r\n]", " ".join(clip.names)):
+        raise UsageError("a marker name with a tab or line break does not fit into a TRC file")
     (frames, markers), layout = clip.positions.shape[:2], clip.layout
     rate = f"{1.0 / clip.frame_time:.12g}"
     first = int(layout.detail("first_frame", "1"))
     start = float(layout.detail("start_time", repr((first - 1) * clip.frame_time)))
     camera, original = layout.detail("CameraRate", rate), layout.detail("OrigDataRate", rate)
-    values = (rate, camera, frames, markers, layout.unit, original, first, frames)
+    values = rate, camera, frames, markers, layout.unit, original, first, frames
     top = [
         "PathFileType\t4\t(X/Y/Z)\tmotion.trc",
-        _FIELDS,
+        _FIELDS.replace(" ", "\t") + "OrigNumFrames",
         "\t".join(map(str, values)),
         "Frame#\tTime\t" + "\t\t\t".join(clip.names) + "\t\t",
         "\t" + "".join(f"\tX{marker}\tY{marker}\tZ{marker}" for marker in range(1, markers + 1)),
@@ -81,10 +80,8 @@ def _parse(data: bytes, units: str | None) -> MarkerClip:
     repairs: list[Repair] = []
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     lines = text.split(b"\n")
-    if not lines[0].lstrip().startswith(b"PathFileType"):
-        raise _error("does not start with PathFileType: not a TRC file", 1)
-    if len(lines) < 4:
-        raise _error("the header is cut off", len(lines))
+    if not lines[0].lstrip().startswith(b"PathFileType") or len(lines) < 4:
+        raise _error("not a TRC file: no PathFileType, or cut off in the header", len(lines[:4]))
     header = dict(zip(_words(lines[1]), _words(lines[2]), strict=False))
     unit = marker_unit(header.get("Units", ""), units, "line 3", repairs)
     names = _names(lines[3], repairs)
@@ -107,15 +104,12 @@ def _error(problem: str, line: int, advice: str = "Restore the file from a copy"
     return FormatError(problem, place=f"line {line}", advice=advice)
 
 
-def _text(line: bytes) -> str:
-    try:
-        return line.decode()
-    except UnicodeDecodeError:
-        return line.decode("latin-1")
-
-
 def _words(line: bytes) -> list[str]:
-    return [word.strip() for word in _text(line).split("\t")]
+    try:
+        text = line.decode()
+    except UnicodeDecodeError:
+        text = line.decode("latin-1")
+    return [word.strip() for word in text.split("\t")]
 
 
 def marker_unit(
@@ -135,8 +129,7 @@ def marker_unit(
     try:
         return *parse_units(declared), "declared"
     except UsageError as error:
-        problem = f"unknown unit {declared[:40]!r}"
-        raise FormatError(problem, place=place, advice="Name the right unit") from error
+        raise FormatError(f"unknown unit {declared[:40]!r}", place=place) from error
 
 
 def _names(line: bytes, repairs: list[Repair]) -> list[str]:
@@ -147,9 +140,7 @@ def _names(line: bytes, repairs: list[Repair]) -> list[str]:
     while words and not words[-1]:
         words.pop()
     if any(word for place, word in enumerate(words) if place % 3):
-        repairs.append(
-            Repair("marker names do not stand three columns apart; taken one by one", "line 4")
-        )
+        repairs.append(Repair("marker names are not three columns apart", "line 4"))
         return [word for word in words if word]
     names = words[::3]
     if not names:
@@ -160,9 +151,8 @@ def _names(line: bytes, repairs: list[Repair]) -> list[str]:
 
 def _name_the_nameless(names: list[str], repairs: list[Repair]) -> None:
     if not all(names):
-        repairs.append(
-            Repair(f"{names.count('')} markers without a name are called M and a number", "line 4")
-        )
+        what = f"{names.count('')} markers without a name are called M and a number"
+        repairs.append(Repair(what, "line 4"))
     names[:] = [name or f"M{number:03d}" for number, name in enumerate(names, 1)]
 
 
@@ -184,8 +174,7 @@ def _cells(
         if b"_" in lines[row]:  # float() takes it for a separator of thousands
             raise _error("an underscore among the numbers", row + 1)
         if end > width:
-            problem = f"{end} cells where the names leave room for {width}"
-            raise _error(problem, row + 1)
+            raise _error(f"{end} cells where the names leave room for {width}", row + 1)
     # Rows may leave out trailing gaps, but memory must stay in proportion to the file.
     if len(rows) * width > 1_000_000 + 8 * sum(map(len, lines)):
         raise _error("rows are far shorter than the line of marker names", rows[0] + 1)
@@ -196,25 +185,22 @@ def _cells(
         cells = lines[row].split(b"\t")[:width]
         if row == unfinished and (len(cells) < width or not _NUMBER.fullmatch(cells[-1])):
             cells = cells[: 2 + (len(cells) - 3) // 3 * 3]  # the markers before the cut one
-            repairs.append(
-                Repair("the last line is cut off; what is missing became gaps", f"line {row + 1}")
-            )
+            what = "the last line is cut off; what is missing is left out"
+            repairs.append(Repair(what, f"line {row + 1}"))
             if len(cells) < 5:
                 rows.pop()
                 break
         try:
             values = [float(cell) if cell else math.nan for cell in cells]
         except ValueError:
-            values = [_number(cell, column, row, repairs) for column, cell in enumerate(cells)]
-        numbers.extend(values)
-        if len(values) < width:
-            numbers.extend([math.nan] * (width - len(values)))
+            values = [_number(cell, column, row) for column, cell in enumerate(cells)]
+        numbers.extend(values + [math.nan] * (width - len(values)))
     return np.array(numbers, dtype=np.float64).reshape(len(rows), width)
 
 
-def _number(cell: bytes, column: int, row: int, repairs: list[Repair]) -> float:
+def _number(cell: bytes, column: int, row: int) -> float:
     if not _NUMBER.fullmatch(cell):
-        problem = f"{_text(cell)[:40]!r} in column {column + 1} is not a number"
+        problem = f"column {column + 1} is no number: {cell[:40]!r}"
         raise _error(problem, row + 1, "Mend it, or empty it for a gap")
     return float(cell.strip() or math.nan)
 
@@ -227,70 +213,54 @@ def _positions(
     wrong[:, 2:] |= np.abs(cells[:, 2:]) > FARTHEST / centimetres
     if np.any(wrong):
         frame, column = np.argwhere(wrong)[0]
-        problem = f"the number in column {column + 1} is infinite or beyond 100 km"
-        raise _error(problem, rows[frame] + 1)
+        raise _error(f"column {column + 1} is infinite or beyond 100 km", rows[frame] + 1)
     positions = cells[:, 2:].reshape(len(rows), cells.shape[1] // 3, 3) * centimetres
     blank = np.isnan(positions)
     partial = np.any(blank, axis=2) & ~np.all(blank, axis=2)
     if partial.any():
         line = rows[int(np.flatnonzero(np.any(partial, axis=1))[0])] + 1
-        repairs.append(
-            Repair(
-                f"{partial.sum()} positions with a coordinate missing became gaps", f"line {line}"
-            )
-        )
+        what = f"{partial.sum()} positions with a coordinate missing became gaps"
+        repairs.append(Repair(what, f"line {line}"))
         positions[partial] = np.nan
     return positions
 
 
 def _without_empty_names(
-    header: dict[str, str], names: list[str], cells: FloatArray, repairs: list[Repair]
+    header: Header, names: list[str], cells: FloatArray, repairs: list[Repair]
 ) -> FloatArray:
     """Leave out names beyond NumMarkers without any position (Cortex's virtual markers)."""
     claim = header.get("NumMarkers", "")
     markers = int(claim) if claim.isdecimal() and len(claim) < 9 else 0
-    if not (
-        0 < markers < len(names) and len(cells) and np.isnan(cells[:, 2 + 3 * markers :]).all()
-    ):
+    width = 2 + 3 * markers
+    if not (0 < markers < len(names) and len(cells) and np.isnan(cells[:, width:]).all()):
         return cells
-    repairs.append(
-        Repair(f"{len(names) - markers} names beyond NumMarkers hold no data; left out", "line 4")
-    )
+    empty = len(names) - markers
+    repairs.append(Repair(f"{empty} names beyond NumMarkers hold no data; left out", "line 4"))
     del names[markers:]
-    return cells[:, : 2 + 3 * markers]
+    return cells[:, :width]
 
 
 def _timing(
-    header: dict[str, str],
-    cells: FloatArray,
-    lines: list[bytes],
-    rows: list[int],
-    repairs: list[Repair],
+    header: Header, cells: FloatArray, lines: list[bytes], rows: list[int], repairs: list[Repair]
 ) -> tuple[float, list[tuple[str, str]]]:
     """Return the frame time in seconds, and the details that the writer needs for times."""
     times, numbers = cells[:, 1], cells[:, 0]
     details = []
-    rate = _rate(header, "DataRate")
-    if rate is None:
-        rate = _rate_of_times(times, repairs)
+    rate = _rate(header, "DataRate") or _rate_of_times(times, repairs)
     frame_time = 1.0 / rate
     for key in ("CameraRate", "OrigDataRate"):
-        other = _rate(header, key)
-        if other is not None and other != rate:
-            details.append((key, f"{other:.12g}"))
+        other = f"{_rate(header, key) or rate:.12g}"
+        if other != f"{rate:.12g}":
+            details.append((key, other))
     if not rows:
         return frame_time, details
 
-    first = 1
-    if 0 <= numbers[0] < 1e9 and numbers[0] == int(numbers[0]):
-        first = int(numbers[0])
+    first = int(numbers[0]) if 0 <= numbers[0] < 1e9 and numbers[0] % 1 == 0 else 1
     if first != 1:
         details.append(("first_frame", str(first)))
     odd = np.flatnonzero(numbers != first + np.arange(len(rows)))
     if len(odd):
-        repairs.append(
-            Repair("frame numbers do not count up by one; renumbered", f"line {rows[odd[0]] + 1}")
-        )
+        repairs.append(Repair("frame numbers do not count up by one", f"line {rows[odd[0]] + 1}"))
     # Times are printed with few decimals: allow for the rounding and a tenth of a frame.
     printed = (cell for row in rows for cell in lines[row].split(b"\t", 2)[1:2])
     decimals = max((len(cell.strip().partition(b".")[2]) for cell in printed), default=0)
@@ -306,7 +276,7 @@ def _timing(
     return frame_time, details
 
 
-def _rate(header: dict[str, str], key: str) -> float | None:
+def _rate(header: Header, key: str) -> float | None:
     try:
         rate = float(header.get(key, ""))
     except ValueError:
@@ -318,7 +288,7 @@ def _rate_of_times(times: FloatArray, repairs: list[Repair]) -> float:
     known = np.flatnonzero(np.abs(times) < 1e12)
     if len(known) > 1:
         span = float(times[known[-1]] - times[known[0]])
-        rate = float(known[-1] - known[0]) / span if span > 0 else 0.0
+        rate = float(f"{(known[-1] - known[0]) / span:.6g}") if span > 0 else 0.0
         if 1e-3 <= rate <= 1e6:
             repairs.append(
                 Repair(f"no DataRate; {rate:g} frames per second from the time column", "line 3")

@@ -1,0 +1,110 @@
+"""The ledger: one file a job, with a row for every clip that it archived.
+
+Columns rather than rows, as JSON under xz: small, and ``xzcat`` shows it to a person.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..codec.clip import Repair
+from ..codec.errors import DamagedError
+from .files import digest, write_whole
+
+
+@dataclass(frozen=True)
+class Row:
+    """One archived clip.
+
+    ``index``: digest, and thus name, of its index file; ``source``: digest of its source
+    bytes; ``source_bytes``: their number; ``numbers``: how many of the source's numbers vary
+    (for the float32 baseline).
+    """
+
+    name: str
+    index: str
+    source: str
+    source_bytes: int
+    frames: int
+    rig: int
+    numbers: int
+    repairs: tuple[Repair, ...] = ()
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One file that was left out, with the reason."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """What one job did."""
+
+    settings: dict[str, Any]
+    rows: tuple[Row, ...]
+    failures: tuple[Failure, ...] = ()
+    store: dict[str, str] = field(default_factory=dict)  # store file to digest
+
+
+_COLUMNS = ("name", "index", "source", "source_bytes", "frames", "rig", "numbers")
+
+
+def ledger_path(archive: Path, generation: int) -> Path:
+    """Return where a generation's ledger is."""
+    return archive / "ledger" / f"{generation:06d}.json.xz"
+
+
+def write_ledger(path: Path, ledger: Ledger) -> str:
+    """Write a ledger file; return its digest."""
+    record = {
+        "settings": ledger.settings,
+        "clips": {column: [getattr(row, column) for row in ledger.rows] for column in _COLUMNS},
+        "repairs": {
+            row.name: [[repair.place, repair.what] for repair in row.repairs]
+            for row in ledger.rows
+            if row.repairs
+        },
+        "failures": [[failure.name, failure.reason] for failure in ledger.failures],
+        "store": ledger.store,
+    }
+    text = json.dumps(record, separators=(",", ":"))
+    data = lzma.compress(text.encode("ascii"), preset=9 | lzma.PRESET_EXTREME)
+    write_whole(path, data)
+    return digest(data)
+
+
+def read_ledger(path: Path, expected: str) -> Ledger:
+    """Return the ledger in ``path``, whose digest must be ``expected``; `DamagedError` if not."""
+    try:
+        data = path.read_bytes()
+    except OSError as problem:
+        raise DamagedError(f"cannot be read ({problem.strerror})", file=path) from problem
+    if digest(data) != expected:
+        raise DamagedError(
+            "is not the ledger that was published", file=path, advice="Restore it from a copy"
+        )
+    try:
+        record = json.loads(lzma.decompress(data))
+        clips = [record["clips"][column] for column in _COLUMNS]
+        rows = tuple(
+            Row(**dict(zip(_COLUMNS, values, strict=True)), repairs=_repairs(repairs))
+            for *values, repairs in zip(
+                *clips, (record["repairs"].get(name, ()) for name in clips[0]), strict=True
+            )
+        )
+        failures = tuple(Failure(name, reason) for name, reason in record["failures"])
+        return Ledger(record["settings"], rows, failures, record["store"])
+    except (ValueError, KeyError, TypeError, lzma.LZMAError) as problem:
+        raise DamagedError(f"is not a ledger ({problem})", file=path) from problem
+
+
+def _repairs(pairs: Sequence[Sequence[str]]) -> tuple[Repair, ...]:
+    return tuple(Repair(what, place) for place, what in pairs)

@@ -1,0 +1,428 @@
+"""Running an archive job: survey, segment, cluster, encode, verify, publish.
+
+Everything that decides the archive's bytes happens in this process, in the plan's order;
+workers only compute. What they return is consumed in order (see `executors`).
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from ..codec.bodyparts import PartsFile
+from ..codec.encode import Encoder
+from ..codec.errors import DamagedError, NotAnArchiveError
+from ..codec.index_file import unpack
+from ..codec.nearest import NearestPatterns
+from ..codec.rig import Rig, found_family
+from .clustering import Representatives, grow
+from .commit import Commit, Job, publish, read_commit
+from .discover import Source, discover
+from .executors import Executor, executor
+from .files import digest, folder_bytes, sync_folder, write_whole
+from .ledger import Failure, Ledger, Row, ledger_path, read_ledger, write_ledger
+from .lock import writer_lock
+from .plan import Plan, Settings, make_plan
+from .store import NAME as STORE
+from .store import Store, read_store, write_generation
+from .tasks import (
+    EncodedBatch,
+    EncodedClip,
+    FamilySketch,
+    Prepared,
+    Segmented,
+    Survey,
+    Surveyed,
+    encode_batch,
+    segment_batch,
+    survey_batch,
+)
+
+ROUND_CLIPS = 1024  # clips whose segments are clustered at a time: bounds the memory
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a job is: ``stage``, clips done of ``clips``, and bytes in and out so far."""
+
+    stage: str
+    done: int
+    clips: int
+    source_bytes: int = 0
+    archived_bytes: int = 0
+
+
+@dataclass
+class Report:
+    """What an archive job did.
+
+    ``archive_bytes`` is the whole archive, store and ledgers included. Errors are in
+    centimetres over all clips of this job; the mean is weighted by frames. ``seconds``: per
+    stage.
+    """
+
+    clips: int = 0
+    unchanged: int = 0
+    failures: list[Failure] = field(default_factory=list)
+    frames: int = 0
+    source_bytes: int = 0
+    float32_bytes: int = 0
+    index_bytes: int = 0
+    archive_bytes: int = 0
+    patterns: int = 0
+    segments: int = 0
+    matched: int = 0
+    max_error: float = 0.0
+    mean_error: float = 0.0
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def archive_library(
+    library: str | Path,
+    archive: str | Path,
+    settings: Settings | None = None,
+    *,
+    include: Sequence[str] = (),
+    parts: PartsFile | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Report:
+    """Archive the clips of a library folder that are new or changed; return what was done.
+
+    ``workers``: local processes, None for one per core, 0 for none; ``scheduler``: address of
+    a Dask scheduler to use instead; neither changes a byte of the archive. ``parts``: body-part
+    overrides. ``progress`` is called now and then. Files that cannot be used are in the
+    report's ``failures`` and do not stop the job; an interrupted job leaves the archive as it
+    was. Raises `MotifoldError` subclasses.
+    """
+    sources = discover(Path(library), include)
+    plan = make_plan(sources, settings or Settings())
+    folder = Path(archive)
+    with writer_lock(folder), executor(workers, scheduler) as engine:
+        return _Job(folder, plan, parts, engine, progress or (lambda _: None)).run()
+
+
+class _Job:
+    def __init__(
+        self,
+        folder: Path,
+        plan: Plan,
+        overrides: PartsFile | None,
+        engine: Executor,
+        progress: Callable[[Progress], None],
+    ) -> None:
+        self.folder = folder
+        self.plan = plan
+        self.settings = plan.settings
+        self.overrides = overrides
+        self.engine = engine
+        self.progress = progress
+        self.report = Report()
+        self.rows: list[Row] = []
+
+    def run(self) -> Report:
+        try:
+            before = read_commit(self.folder)
+        except NotAnArchiveError:
+            before = Commit()
+        generation = before.generation + 1
+        self._sweep(before, generation)
+        store = read_store(self.folder, before)
+        known = {row.name: row for row in current_rows(self.folder, before)}
+
+        with self._timed("survey"):
+            surveys = self._survey(store, known)
+        prepared = self._prepared(surveys, store)
+        with self._timed("cluster"):
+            self._cluster(prepared, store)
+        with self._timed("encode"):
+            self._encode(prepared, surveys, store, generation)
+        with self._timed("publish"):
+            if self.rows or self.report.failures:
+                self._publish(before, generation, store)
+        self.report.patterns = sum(sum(counts) for counts in store.counts().values())
+        self.report.archive_bytes = folder_bytes(self.folder)
+        self.report.archive_bytes -= (self.folder / ".writer.lock").stat().st_size
+        return self.report
+
+    def _timed(self, stage: str) -> _Stopwatch:
+        return _Stopwatch(self.report.seconds, stage)
+
+    def _sweep(self, before: Commit, generation: int) -> None:
+        """Remove what an interrupted job left: nothing that is published is touched."""
+        shutil.rmtree(self.folder / STORE / f"{generation:06d}", ignore_errors=True)
+        ledger_path(self.folder, generation).unlink(missing_ok=True)
+        published = {
+            index_path(self.folder, row.index)
+            for job in before.jobs
+            for row in read_ledger(ledger_path(self.folder, job.generation), job.ledger).rows
+        }
+        for path in (self.folder / "clips").glob("*/*"):
+            if path not in published:
+                path.unlink()
+
+    def _survey(self, store: Store, known: dict[str, Row]) -> dict[str, tuple[Survey, Source]]:
+        """Read all clips once; settle rigs and families in the store; return new clips by name."""
+        surveys: dict[str, tuple[Survey, Source]] = {}
+        rigs: dict[str, Rig] = {}
+        sketches: dict[str, FamilySketch] = {}
+        sources = {source.name: source for batch in self.plan.batches for source in batch}
+        done = 0
+        results = self.engine.map_ordered(
+            survey_batch,
+            self.plan.batches,
+            self.settings.units,
+            self.overrides,
+            lost=_lost_survey,
+        )
+        for batch, result in zip(self.plan.batches, results, strict=True):
+            self.report.failures += result.failures
+            for survey in result.clips:
+                old = known.get(survey.name)
+                if old is not None and old.source == survey.source:
+                    self.report.unchanged += 1
+                else:
+                    surveys[survey.name] = survey, sources[survey.name]
+            needed = {survey.rig_key for survey in result.clips if survey.name in surveys}
+            rigs.update((key, rig) for key, rig in result.rigs.items() if key in needed)
+            for key, sketch in result.families.items():
+                if key in sketches:
+                    sketches[key].usual = sketches[key].usual + sketch.usual
+                else:
+                    sketches[key] = sketch
+            done += len(batch)
+            self.progress(Progress("survey", done, self.plan.clips))
+        self._settle(store, rigs, sketches, surveys)
+        return surveys
+
+    def _settle(
+        self,
+        store: Store,
+        rigs: dict[str, Rig],
+        sketches: dict[str, FamilySketch],
+        surveys: dict[str, tuple[Survey, Source]],
+    ) -> None:
+        """Give every new clip a rig and a family in the store."""
+        self.rig_numbers: dict[str, int] = {}
+        markers = {rig.skeleton.names: rig.parts for rig in store.rigs if rig.kind == "markers"}
+        for survey, _ in surveys.values():
+            if survey.rig_key in self.rig_numbers:
+                continue
+            rig = rigs[survey.rig_key]
+            sketch = sketches[rig.family_key]
+            if rig.kind == "markers":  # sets of the same markers share the first one's hierarchy
+                rig = replace(rig, parts=markers.setdefault(rig.skeleton.names, rig.parts))
+            if rig.family_key not in store.families:
+                store.add_family(
+                    found_family(rig, sketch.usual, sketch.bones, sketch.head_diagonal)
+                )
+            number = store.rig_number(rig)
+            self.rig_numbers[survey.rig_key] = store.add_rig(rig) if number is None else number
+
+    def _prepared(
+        self, surveys: dict[str, tuple[Survey, Source]], store: Store
+    ) -> list[tuple[Prepared, ...]]:
+        """Return the new clips in the plan's batches."""
+        batches = []
+        for batch in self.plan.batches:
+            items = []
+            for source in batch:
+                if source.name in surveys:
+                    survey, _ = surveys[source.name]
+                    number = self.rig_numbers[survey.rig_key]
+                    items.append(Prepared(source, number, store.rigs[number], survey.source))
+            if items:
+                batches.append(tuple(items))
+        return batches
+
+    def _cluster(self, batches: list[tuple[Prepared, ...]], store: Store) -> None:
+        """Segment in parallel, then let each family's patterns grow, a round at a time."""
+        radii = {
+            key: self.settings.clusters.radius(family.head_diagonal, self.settings.tolerance)
+            for key, family in store.families.items()
+        }
+        searchers = _Searchers(store)
+        clips = sum(len(batch) for batch in batches)
+        gathered: dict[tuple[str, int], list[Representatives]] = {}
+        waiting = done = 0
+        results = self.engine.map_ordered(
+            segment_batch,
+            batches,
+            store.families,
+            radii,
+            self.settings.segments,
+            self.settings.units,
+            lost=_lost_segments,
+        )
+        for batch, result in zip(batches, results, strict=True):
+            self.report.failures += result.failures
+            for item in batch:
+                made = result.clips.get(item.source.name, [])
+                for part, group in enumerate(made):
+                    if group is not None and len(group.points):
+                        gathered.setdefault((item.rig.family_key, part), []).append(group)
+            waiting += len(batch)
+            done += len(batch)
+            if waiting >= ROUND_CLIPS or done == clips:
+                self._grow(store, searchers, gathered, radii)
+                gathered, waiting = {}, 0
+            self.progress(Progress("cluster", done, clips))
+
+    def _grow(
+        self,
+        store: Store,
+        searchers: _Searchers,
+        gathered: dict[tuple[str, int], list[Representatives]],
+        radii: dict[str, float],
+    ) -> None:
+        for (key, part), groups in sorted(gathered.items(), key=lambda entry: entry[0]):
+            new = grow(searchers.of(key, part), groups, radii[key], self.settings.clusters)
+            store.add_patterns(key, part, new)
+
+    def _encode(
+        self,
+        batches: list[tuple[Prepared, ...]],
+        surveys: dict[str, tuple[Survey, Source]],
+        store: Store,
+        generation: int,
+    ) -> None:
+        report, settings = self.report, self.settings
+        slack = 1.0 if settings.clusters.bound == "max" else 3.0
+        encoders = {
+            key: Encoder(
+                store.codebook(key),
+                generation,
+                settings.tolerance,
+                slack * settings.clusters.radius(family.head_diagonal, settings.tolerance),
+                settings.segments,
+            )
+            for key, family in store.families.items()
+        }
+        failed = {failure.name for failure in report.failures}
+        batches = [
+            kept
+            for batch in batches
+            if (kept := tuple(item for item in batch if item.source.name not in failed))
+        ]
+        clips, done, error_sum = sum(map(len, batches)), 0, 0.0
+        results = self.engine.map_ordered(
+            encode_batch, batches, encoders, settings.units, lost=_lost_encoded
+        )
+        for batch, result in zip(batches, results, strict=True):
+            report.failures += result.failures
+            numbers = {item.source.name: item.rig_number for item in batch}
+            for encoded in result.clips:
+                survey = surveys[encoded.name][0]
+                self._keep(encoded, survey, numbers[encoded.name])
+                error_sum += encoded.certificate.mean * survey.frames
+            done += len(batch)
+            self.progress(Progress("encode", done, clips, report.source_bytes, report.index_bytes))
+        report.mean_error = error_sum / max(report.frames, 1)
+
+    def _keep(self, encoded: EncodedClip, survey: Survey, rig: int) -> None:
+        """Write one clip's index file, read it back, and note its row."""
+        name = digest(encoded.data)
+        path = index_path(self.folder, name)
+        if not path.exists():
+            write_whole(path, encoded.data)
+        written = path.read_bytes()
+        if written != encoded.data:
+            raise DamagedError(
+                "was not written as it should be", file=path, advice="Check the disk"
+            )
+        unpack(written)
+        self.rows.append(
+            Row(
+                survey.name,
+                name,
+                survey.source,
+                survey.source_bytes,
+                survey.frames,
+                rig,
+                survey.numbers,
+                survey.repairs,
+            )
+        )
+        report = self.report
+        report.clips += 1
+        report.frames += survey.frames
+        report.source_bytes += survey.source_bytes
+        report.float32_bytes += 4 * survey.numbers
+        report.index_bytes += len(encoded.data)
+        report.segments += encoded.segments
+        report.matched += encoded.matched
+        report.max_error = max(report.max_error, encoded.certificate.maximum)
+
+    def _publish(self, before: Commit, generation: int, store: Store) -> None:
+        digests = write_generation(self.folder, generation, before, store)
+        ledger = Ledger(
+            self.settings.to_record(),
+            tuple(sorted(self.rows, key=lambda row: row.name)),
+            tuple(sorted(self.report.failures, key=lambda failure: failure.name)),
+            digests,
+        )
+        path = ledger_path(self.folder, generation)
+        job = Job(
+            generation, write_ledger(path, ledger), len(self.rows), len(store.rigs), store.counts()
+        )
+        for folder in sorted({p.parent for p in self.folder.rglob("*") if p.is_file()}):
+            sync_folder(folder)
+        publish(self.folder, Commit((*before.jobs, job)))
+
+
+class _Searchers:
+    """The patterns of every family and part for look-up, made when first asked for."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._made: dict[tuple[str, int], NearestPatterns] = {}
+
+    def of(self, key: str, part: int) -> NearestPatterns:
+        if (key, part) not in self._made:
+            points = self._store.codebook(key).centimetres[part]
+            self._made[key, part] = NearestPatterns(points)
+        return self._made[key, part]
+
+
+class _Stopwatch:
+    def __init__(self, seconds: dict[str, float], stage: str) -> None:
+        self._seconds, self._stage = seconds, stage
+
+    def __enter__(self) -> None:
+        self._start = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self._seconds[self._stage] = time.perf_counter() - self._start
+
+
+def index_path(archive: Path, name: str) -> Path:
+    """Return where the index file with a digest is."""
+    return archive / "clips" / name[:2] / f"{name}.mfi"
+
+
+def current_rows(archive: Path, commit: Commit) -> Iterator[Row]:
+    """Yield the newest row of every clip, ordered by name."""
+    newest: dict[str, Row] = {}
+    for job in commit.jobs:
+        ledger = read_ledger(ledger_path(archive, job.generation), job.ledger)
+        newest.update((row.name, row) for row in ledger.rows)
+    return (newest[name] for name in sorted(newest))
+
+
+_LOST = "the worker process died while it worked on this file, twice; is it too large for memory?"
+
+
+def _lost_survey(batch: tuple[Source, ...]) -> Surveyed:
+    return Surveyed(failures=[Failure(source.name, _LOST) for source in batch])
+
+
+def _lost_segments(batch: tuple[Prepared, ...]) -> Segmented:
+    return Segmented(failures=[Failure(item.source.name, _LOST) for item in batch])
+
+
+def _lost_encoded(batch: tuple[Prepared, ...]) -> EncodedBatch:
+    return EncodedBatch(failures=[Failure(item.source.name, _LOST) for item in batch])

@@ -1,0 +1,251 @@
+"""What workers do: pure functions from a batch of source files to small results.
+
+A file that cannot be used becomes a `Failure` in the batch's result; it never raises, so that
+one bad file never stops a job.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from ..codec.bodyparts import BodyPart, PartsFile, body_parts
+from ..codec.bodysize import head_diagonal, marker_head_diagonal
+from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, SkeletonClip
+from ..codec.encode import Encoder
+from ..codec.errors import MotifoldError
+from ..codec.formats.files import read_clip, source_bytes
+from ..codec.kinematics import world_rotations
+from ..codec.markerparts import marker_parts
+from ..codec.metrics import Errors
+from ..codec.rig import Family, Rig, bone_means, rig_of
+from ..codec.segments import SegmentRules, clip_segments
+from ..codec.signals import relative_rotations
+from .clustering import Representatives, within_clip
+from .discover import Source
+from .files import digest
+from .ledger import Failure
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a first look at one clip says. ``rig_key`` names a rig of the batch's `Surveyed`."""
+
+    name: str
+    source: str
+    source_bytes: int
+    frames: int
+    numbers: int
+    rig_key: str
+    repairs: tuple[Repair, ...]
+
+
+@dataclass(eq=False)
+class FamilySketch:
+    """What a batch says about a rig family: enough for its first clip to found it.
+
+    ``usual``: (joints, 3, 3) summed mean orientations relative to the parent parts'
+    references; ``bones``: (joints, 3) mean translations of its first clip, centimetres.
+    """
+
+    rig: Rig
+    usual: FloatArray
+    bones: FloatArray
+    head_diagonal: float
+
+
+@dataclass(eq=False)
+class Surveyed:
+    """The result of `survey_batch`."""
+
+    clips: list[Survey] = field(default_factory=list)
+    rigs: dict[str, Rig] = field(default_factory=dict)
+    families: dict[str, FamilySketch] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class Segmented:
+    """The result of `segment_batch`: per clip name, per part, its representatives (or None)."""
+
+    clips: dict[str, list[Representatives | None]] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class EncodedClip:
+    """One encoded clip: index-file bytes, certificate, and segments with and without pattern."""
+
+    name: str
+    data: bytes
+    certificate: Errors
+    segments: int
+    matched: int
+
+
+@dataclass(eq=False)
+class EncodedBatch:
+    """The result of `encode_batch`."""
+
+    clips: list[EncodedClip] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """One clip to work on: its source, its rig's number, and its rig."""
+
+    source: Source
+    rig_number: int
+    rig: Rig
+    digest: str
+
+
+def survey_batch(
+    batch: tuple[Source, ...], units: str | None, overrides: PartsFile | None
+) -> Surveyed:
+    """Read every clip of a batch once: rigs, families, digests, repairs."""
+    out = Surveyed()
+    for source in batch:
+
+        def survey(source: Source = source) -> None:
+            _survey(source, units, overrides, out)
+
+        _attempt(source.name, out.failures, survey)
+    return out
+
+
+def _survey(source: Source, units: str | None, overrides: PartsFile | None, out: Surveyed) -> None:
+    data = source_bytes(source.path)
+    clip = read_clip(source.path, units)
+    parts = _parts(clip, overrides)
+    rig = rig_of(clip, parts)
+    family_key = rig.family_key
+    if isinstance(clip, MarkerClip):
+        usual, bones = np.zeros((0, 3, 3)), np.zeros((0, 3))
+        numbers = int(clip.seen.sum()) * 3
+    else:
+        usual, bones = _mean_orientations(clip, parts), bone_means(clip)
+        numbers = _varying_numbers(clip)
+    if family_key in out.families:
+        out.families[family_key].usual += usual
+    else:
+        size = (
+            marker_head_diagonal(clip.names, clip.positions)
+            if isinstance(clip, MarkerClip)
+            else head_diagonal(clip.skeleton)
+        )
+        out.families[family_key] = FamilySketch(rig, usual, bones, size)
+    out.rigs.setdefault(rig.key, rig)
+    out.clips.append(
+        Survey(source.name, digest(data), len(data), clip.frames, numbers, rig.key, clip.repairs)
+    )
+
+
+def segment_batch(
+    batch: tuple[Prepared, ...],
+    families: dict[str, Family],
+    radii: dict[str, float],
+    rules: SegmentRules,
+    units: str | None,
+) -> Segmented:
+    """Read every clip again, cut it, and cluster its segments within the clip (step one)."""
+    out = Segmented()
+    for item in batch:
+        family = families[item.rig.family_key]
+        radius = radii[family.key]
+
+        def step_one(
+            item: Prepared = item, family: Family = family, radius: float = radius
+        ) -> list[Representatives | None]:
+            clip = read_clip(item.source.path, units)
+            return [
+                None if part is None else within_clip(part.points, radius)
+                for part in clip_segments(clip, family, rules)
+            ]
+
+        made = _attempt(item.source.name, out.failures, step_one)
+        if made is not None:
+            out.clips[item.source.name] = made
+    return out
+
+
+def encode_batch(
+    batch: tuple[Prepared, ...], encoders: dict[str, Encoder], units: str | None
+) -> EncodedBatch:
+    """Read every clip a last time and encode it; each proves its own certificate."""
+    out = EncodedBatch()
+    for item in batch:
+
+        def encode(item: Prepared = item) -> EncodedClip:
+            encoder = encoders[item.rig.family_key]
+            if digest(source_bytes(item.source.path)) != item.digest:
+                raise MotifoldError("changed while it was being archived", advice="Archive again")
+            clip = read_clip(item.source.path, units)
+            encoded = encoder.encode(clip, item.rig, item.rig_number)
+            used = encoded.used_patterns
+            return EncodedClip(
+                item.source.name,
+                encoded.data,
+                encoded.certificate,
+                sum(len(part) for part in used),
+                sum(int((part >= 0).sum()) for part in used),
+            )
+
+        made = _attempt(item.source.name, out.failures, encode)
+        if made is not None:
+            out.clips.append(made)
+    return out
+
+
+def _attempt(name: str, failures: list[Failure], work: Callable[[], Made]) -> Made | None:
+    """Return ``work()``, or None with a `Failure` noted, whatever goes wrong with one clip."""
+    try:
+        return work()
+    except MotifoldError as problem:
+        failures.append(Failure(name, _reason(problem)))
+    except Exception as problem:  # noqa: BLE001 - a bug of ours must not cost the other clips
+        failures.append(Failure(name, f"internal error, {type(problem).__name__}: {problem}"))
+    return None
+
+
+def _reason(problem: MotifoldError) -> str:
+    """Return an error's text without the folder, which differs from machine to machine."""
+    where = ", ".join(
+        part for part in (Path(problem.file).name if problem.file else None, problem.place) if part
+    )
+    text = f"{where}: {problem.problem}" if where else problem.problem
+    return f"{text}. {problem.advice}" if problem.advice else text
+
+
+def _parts(clip: Clip, overrides: PartsFile | None) -> tuple[BodyPart, ...]:
+    if isinstance(clip, MarkerClip):
+        return marker_parts(clip.names, clip.positions)
+    return body_parts(clip.skeleton, overrides)
+
+
+def _mean_orientations(clip: SkeletonClip, parts: tuple[BodyPart, ...]) -> FloatArray:
+    """Return each joint's mean orientation (joints, 3, 3) relative to its parent part."""
+    world = world_rotations(clip.skeleton, clip.rotations)
+    out = np.zeros((clip.skeleton.joints, 3, 3))
+    if clip.frames:
+        for part in parts:
+            out[list(part.joints)] = relative_rotations(parts, part, world).mean(axis=0)
+    return out
+
+
+def _varying_numbers(clip: SkeletonClip) -> int:
+    """Return how many numbers of the clip lie in channels that vary at all."""
+    turning = clip.skeleton.joints * 3
+    if clip.frames:
+        still = np.abs(clip.rotations - clip.rotations[:1]).max(axis=(0, 2, 3)) < 1e-9
+        turning -= 3 * int(still.sum())
+        spread = np.ptp(clip.translations, axis=0).max(axis=1)
+        turning += 3 * int((spread > 0.02).sum())
+    return turning * clip.frames
