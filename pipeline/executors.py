@@ -78,7 +78,8 @@ class DaskExecutor:
         lost: Callable[[Item], Result],
     ) -> Iterator[Result]:
         """Yield the results; see `Executor`. Raises `SchedulerError` if the cluster is gone."""
-        sent = [self._client.scatter(value, broadcast=True, hash=False) for value in shared]
+        # in a list of one, because a dict would be taken apart and scattered by its keys
+        sent = [self._client.scatter([value], broadcast=True, hash=False)[0] for value in shared]
         waiting: deque[tuple[Item, Any]] = deque()
         window = WINDOW * max(1, len(self._client.nthreads()))
         source = iter(items)
