@@ -7,6 +7,7 @@
     │   ├── FormatError       it breaks its format's rules (names the line or byte)
     │   └── UnsupportedError  it is valid, but holds something motifold does not handle
     ├── UsageError            the call is the problem: change an argument
+    │   └── UnknownClipError  no clip of that name (also a KeyError)
     ├── GuaranteeError        a clip cannot be brought inside the asked tolerance
     ├── SchedulerError        the Dask scheduler or its workers are gone: start them again
     └── ArchiveError          the archive is the problem
@@ -76,6 +77,13 @@ class UnsupportedError(InputError):
 
 class UsageError(MotifoldError):
     """An argument of the call is wrong."""
+
+
+class UnknownClipError(UsageError, KeyError):
+    """The archive holds no clip of this name."""
+
+    def __str__(self) -> str:  # KeyError would show the text in quotes
+        return str(self.args[0])
 
 
 class GuaranteeError(MotifoldError):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..codec.errors import DamagedError, NotAnArchiveError, VersionError
-from .files import sync_folder, write_whole
+from .durable import sync_folder, write_whole
 
 FORMAT = 1
 NAME = "COMMIT.json"

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..codec.clip import Repair
 from ..codec.errors import DamagedError
-from .files import digest, write_whole
+from .durable import digest, write_whole
 
 
 @dataclass(frozen=True)

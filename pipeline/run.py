@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from ..codec.bodyparts import PartsFile
 from ..codec.encode import Encoder
@@ -21,9 +22,10 @@ from ..codec.rig import Rig, found_family
 from .clustering import Representatives, grow
 from .commit import Commit, Job, publish, read_commit
 from .discover import Source, discover
+from .durable import digest, folder_bytes, sync_folder, write_whole
 from .executors import Executor, executor
-from .files import digest, folder_bytes, sync_folder, write_whole
-from .ledger import Failure, Ledger, Row, ledger_path, read_ledger, write_ledger
+from .layout import current_rows, index_path, read_ledgers
+from .ledger import Failure, Ledger, Row, ledger_path, write_ledger
 from .lock import writer_lock
 from .plan import Plan, Settings, make_plan
 from .store import NAME as STORE
@@ -130,9 +132,14 @@ class _Job:
         except NotAnArchiveError:
             before = Commit()
         generation = before.generation + 1
-        self._sweep(before, generation)
+        ledgers = read_ledgers(self.folder, before)
+        self._sweep(ledgers, generation)
         store = read_store(self.folder, before)
-        known = {row.name: row for row in current_rows(self.folder, before)}
+        known = {
+            name: row
+            for name, (row, made) in current_rows(ledgers).items()
+            if self._good_enough(ledgers[made].settings)
+        }
 
         with self._timed("survey"):
             surveys = self._survey(store, known)
@@ -149,17 +156,20 @@ class _Job:
         self.report.archive_bytes -= (self.folder / ".writer.lock").stat().st_size
         return self.report
 
+    def _good_enough(self, settings: dict[str, Any]) -> bool:
+        """Return whether clips archived under ``settings`` need no archiving under ours."""
+        ours = self.settings
+        return bool(settings["tolerance"] <= ours.tolerance and settings["units"] == ours.units)
+
     def _timed(self, stage: str) -> _Stopwatch:
         return _Stopwatch(self.report.seconds, stage)
 
-    def _sweep(self, before: Commit, generation: int) -> None:
+    def _sweep(self, ledgers: dict[int, Ledger], generation: int) -> None:
         """Remove what an interrupted job left: nothing that is published is touched."""
         shutil.rmtree(self.folder / STORE / f"{generation:06d}", ignore_errors=True)
         ledger_path(self.folder, generation).unlink(missing_ok=True)
         published = {
-            index_path(self.folder, row.index)
-            for job in before.jobs
-            for row in read_ledger(ledger_path(self.folder, job.generation), job.ledger).rows
+            index_path(self.folder, row.index) for ledger in ledgers.values() for row in ledger.rows
         }
         for path in (self.folder / "clips").glob("*/*"):
             if path not in published:
@@ -397,20 +407,6 @@ class _Stopwatch:
 
     def __exit__(self, *_: object) -> None:
         self._seconds[self._stage] = time.perf_counter() - self._start
-
-
-def index_path(archive: Path, name: str) -> Path:
-    """Return where the index file with a digest is."""
-    return archive / "clips" / name[:2] / f"{name}.mfi"
-
-
-def current_rows(archive: Path, commit: Commit) -> Iterator[Row]:
-    """Yield the newest row of every clip, ordered by name."""
-    newest: dict[str, Row] = {}
-    for job in commit.jobs:
-        ledger = read_ledger(ledger_path(archive, job.generation), job.ledger)
-        newest.update((row.name, row) for row in ledger.rows)
-    return (newest[name] for name in sorted(newest))
 
 
 _LOST = "the worker process died while it worked on this file, twice; is it too large for memory?"

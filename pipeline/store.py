@@ -27,7 +27,7 @@ from ..codec.errors import DamagedError
 from ..codec.patterns import Codebook, no_patterns
 from ..codec.rig import Family, Rig
 from .commit import Commit
-from .files import digest
+from .durable import digest
 
 NAME = "store.zarr"
 _CHUNK = 1 << 14  # patterns, or bytes of records

@@ -27,7 +27,7 @@ from ..codec.segments import SegmentRules, clip_segments
 from ..codec.signals import relative_rotations
 from .clustering import Representatives, within_clip
 from .discover import Source
-from .files import digest
+from .durable import digest
 from .ledger import Failure
 
 Made = TypeVar("Made")

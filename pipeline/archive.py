@@ -1,0 +1,296 @@
+"""An open archive: a read-only mapping from clip names to clips that decode when asked."""
+
+from __future__ import annotations
+
+import difflib
+import threading
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from functools import cached_property, lru_cache
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+from typing import Any
+
+from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, Skeleton, SkeletonClip
+from ..codec.decode import Tier, decode
+from ..codec.errors import DamagedError, MotifoldError, UnknownClipError, UsageError
+from ..codec.index_file import IndexFile, unpack
+from ..codec.kinematics import world_positions, world_rotations
+from ..codec.metrics import Errors
+from ..codec.patterns import Codebook
+from ..codec.rig import Rig
+from ..codec.rotations import to_quaternions
+from .commit import Commit, read_commit
+from .layout import current_rows, index_path, read_ledgers
+from .ledger import Ledger, Row
+from .store import Store, read_store
+
+
+class Archive(Mapping[str, "ArchivedClip"]):
+    """The clips of an archive folder, as of the moment it was opened.
+
+    A mapping from clip name (the source's path in its library) to `ArchivedClip`, ordered by
+    name. Opening reads one small file; the rest is read when it is first needed. Safe to use
+    from several threads, and to send to other processes that see the same folder. Use it in a
+    ``with`` block, or call `close`: a closed archive answers no more.
+
+    Raises `NotAnArchiveError`, `VersionError` or `DamagedError`; a name that is not there
+    raises `UnknownClipError`, which is a KeyError too.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.commit: Commit = read_commit(self.path)
+        self._lock = threading.Lock()
+        self._loaded: dict[str, Any] = {}
+        self._codebooks: dict[tuple[str, int], Codebook] = {}
+        self._closed = False
+
+    def __enter__(self) -> Archive:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of everything that was read."""
+        with self._lock:
+            self._closed = True
+            self._loaded.clear()
+            self._codebooks.clear()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _reopened, (str(self.path), self.commit.generation)
+
+    def __getitem__(self, name: str) -> ArchivedClip:
+        entry = self.rows.get(name)
+        if entry is None:
+            close = difflib.get_close_matches(str(name), list(self.rows), 3)
+            advice = f"Did you mean {' or '.join(close)}?" if close else "See: motifold info"
+            raise UnknownClipError(f"no clip {name!r}", file=self.path, advice=advice)
+        return ArchivedClip(self, *entry)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def find(self, text: str) -> list[str]:
+        """Return the names that ``text`` means: a name, a name without suffix, or a glob.
+
+        Raises `UnknownClipError` if it means none.
+        """
+        if text in self.rows:
+            return [text]
+        stems = [name for name in self.rows if str(PurePosixPath(name).with_suffix("")) == text]
+        found = stems or [name for name in self.rows if fnmatch(name, text)]
+        return found or [self[text].name]
+
+    @property
+    def ledgers(self) -> dict[int, Ledger]:
+        """The ledgers of all jobs, by generation."""
+        value: dict[int, Ledger] = self._once(
+            "ledgers", lambda: read_ledgers(self.path, self.commit)
+        )
+        return value
+
+    @property
+    def rows(self) -> dict[str, tuple[Row, int]]:
+        """The current ledger row of every clip with its generation, by name."""
+        ledgers = self.ledgers
+        value: dict[str, tuple[Row, int]] = self._once("rows", lambda: current_rows(ledgers))
+        return value
+
+    @property
+    def store(self) -> Store:
+        """The pattern store."""
+        value: Store = self._once("store", lambda: read_store(self.path, self.commit))
+        return value
+
+    def codebook(self, family: str, generation: int) -> Codebook:
+        """Return a rig family's patterns as of a generation."""
+        counts = self.commit.job(generation).patterns.get(family)
+        if counts is None:
+            raise DamagedError(f"generation {generation} does not know rig family {family}")
+        store = self.store
+        with self._lock:
+            if (family, generation) not in self._codebooks:
+                self._codebooks[family, generation] = store.codebook(family, counts)
+            return self._codebooks[family, generation]
+
+    def rig(self, number: int) -> Rig:
+        """Return a rig by its number."""
+        rigs = self.store.rigs
+        if not 0 <= number < len(rigs):
+            raise DamagedError(f"names rig {number} of {len(rigs)}")
+        return rigs[number]
+
+    def _once(self, key: str, read: Any) -> Any:
+        with self._lock:
+            if self._closed:
+                raise UsageError("the archive is closed", file=self.path)
+            if key not in self._loaded:
+                self._loaded[key] = read()
+            return self._loaded[key]
+
+
+@lru_cache(maxsize=8)
+def _reopened(path: str, generation: int) -> Archive:
+    """Open an archive in another process, once; as of the generation that was sent."""
+    archive = Archive(path)
+    kept = tuple(job for job in archive.commit.jobs if job.generation <= generation)
+    archive.commit = Commit(kept)
+    return archive
+
+
+@dataclass(frozen=True, eq=False)
+class ArchivedClip:
+    """One clip of an open archive. What it holds is read and decoded when it is asked for.
+
+    ``row`` and ``generation``: its ledger row and the job that archived it.
+    """
+
+    archive: Archive
+    row: Row
+    generation: int
+
+    @property
+    def name(self) -> str:
+        """The clip's name."""
+        return self.row.name
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.row.frames
+
+    @property
+    def rig(self) -> Rig:
+        """The rig that it was recorded on, with its body parts and file layout."""
+        return self.archive.rig(self.row.rig)
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The joints, parents and rest offsets (centimetres); of markers, a flat one."""
+        return self.rig.skeleton
+
+    @property
+    def frame_time(self) -> float:
+        """Seconds from one frame to the next."""
+        return self.rig.frame_time
+
+    @property
+    def seconds(self) -> float:
+        """Duration in seconds."""
+        return self.frames * self.frame_time
+
+    @property
+    def repairs(self) -> tuple[Repair, ...]:
+        """What the reader mended or assumed in the source file."""
+        return self.row.repairs
+
+    @property
+    def tolerance(self) -> float:
+        """The largest error, centimetres, that was allowed when it was archived."""
+        return float(self.archive.ledgers[self.generation].settings["tolerance"])
+
+    @property
+    def certificate(self) -> Errors:
+        """The errors, centimetres, that the encoder measured by decoding: never understated."""
+        return self.index(prefix_only=True).certificate
+
+    @property
+    def path(self) -> Path:
+        """Where its index file is."""
+        return index_path(self.archive.path, self.row.index)
+
+    def index(self, *, prefix_only: bool = False) -> IndexFile:
+        """Return the clip's index file, checked. Raises `DamagedError`."""
+        try:
+            data = self.path.read_bytes()
+        except OSError as problem:
+            raise DamagedError(
+                f"the index file of {self.name} cannot be read ({problem.strerror})",
+                file=self.path,
+                advice="Restore it from a copy",
+            ) from problem
+        try:
+            index = unpack(data, prefix_only=prefix_only)
+        except MotifoldError as problem:
+            raise problem.within(self.path) from problem
+        if index.frames != self.row.frames or index.rig != self.row.rig:
+            raise DamagedError("is the index file of another clip", file=self.path)
+        return index
+
+    def decode(
+        self,
+        tier: Tier = "tolerance",
+        *,
+        parts: Collection[str] | None = None,
+        start: int = 0,
+        stop: int | None = None,
+    ) -> Clip:
+        """Return the clip, or the frames ``start`` to ``stop`` (exclusive) of it.
+
+        ``tier``: ``tolerance``, inside the certified error; or ``preview``, the patterns on
+        the exact root path, which reads only the first part of the index file. ``parts``:
+        names of body parts; the joints of all others are left at rest (markers: NaN), and the
+        work for them is not done. Raises `DamagedError` or `UsageError`.
+        """
+        index = self.index(prefix_only=tier == "preview")
+        codebook = self.archive.codebook(self.rig.family_key, index.generation)
+        try:
+            clip = decode(index, self.rig, codebook, tier=tier, parts=parts)
+        except DamagedError as problem:
+            raise problem.within(self.path) from problem
+        first, last, _ = slice(start, stop).indices(clip.frames)
+        return clip if (first, last) == (0, clip.frames) else clip.slice(first, last)
+
+    @cached_property
+    def clip(self) -> Clip:
+        """The decoded clip (`SkeletonClip` or `MarkerClip`), kept once it was asked for."""
+        return self.decode()
+
+    @property
+    def rotations(self) -> FloatArray:
+        """(frames, joints, 3, 3) local rotation matrices. Raises `UsageError` for markers."""
+        return self._skeleton_clip().rotations
+
+    @property
+    def quaternions(self) -> FloatArray:
+        """(frames, joints, 4) local rotations as (w, x, y, z), w >= 0."""
+        return to_quaternions(self._skeleton_clip().rotations)
+
+    @property
+    def positions(self) -> FloatArray:
+        """(frames, joints or markers, 3) world positions, centimetres; NaN in gaps."""
+        clip = self.clip
+        if isinstance(clip, MarkerClip):
+            return clip.positions
+        world = world_rotations(clip.skeleton, clip.rotations)
+        return world_positions(clip.skeleton, world, clip.translations)
+
+    @property
+    def root_path(self) -> FloatArray:
+        """(frames, 3) world positions, centimetres, of the root part's reference joint.
+
+        Decoded from the first part of the index file only, at full precision.
+        """
+        root = self.rig.parts[0]
+        clip = self.decode("preview", parts=[root.name])
+        if isinstance(clip, MarkerClip):
+            return clip.positions[:, root.reference]
+        world = world_rotations(clip.skeleton, clip.rotations)
+        return world_positions(clip.skeleton, world, clip.translations)[:, root.reference]
+
+    def _skeleton_clip(self) -> SkeletonClip:
+        if isinstance(self.clip, MarkerClip):
+            raise UsageError(f"{self.name} holds markers, which have no rotations")
+        return self.clip

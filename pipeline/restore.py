@@ -1,0 +1,100 @@
+"""Clips back into files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from ..codec.decode import Tier
+from ..codec.errors import DamagedError, MotifoldError
+from ..codec.formats.files import clip_bytes, default_format
+from .archive import Archive
+from .durable import write_whole
+from .executors import Executor
+from .ledger import Failure
+
+BATCH_CLIPS = 16
+
+
+@dataclass
+class Restored:
+    """What was restored: names of clips with their files, bytes written, and failures."""
+
+    files: dict[str, str] = field(default_factory=dict)
+    bytes: int = 0
+    failures: list[Failure] = field(default_factory=list)
+
+
+def restore_clips(
+    archive: Archive,
+    names: Sequence[str],
+    out: str | Path,
+    *,
+    engine: Executor,
+    tier: Tier = "tolerance",
+    format: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Restored:
+    """Write clips of an archive as motion files below the folder ``out``.
+
+    A file gets the clip's name with the suffix of its format: ``format``, or the source's own
+    where it can be written (BVH for ASF/AMC, TRC for C3D). One damaged clip does not stop the
+    others; it is in the result's ``failures``. ``progress`` gets clips done and clips in all.
+    """
+    batches = [names[i : i + BATCH_CLIPS] for i in range(0, len(names), BATCH_CLIPS)]
+    total = Restored()
+    results = engine.map_ordered(
+        _restore_batch, batches, archive, str(out), tier, format, lost=_lost
+    )
+    done = 0
+    for batch, result in zip(batches, results, strict=True):
+        total.files.update(result.files)
+        total.bytes += result.bytes
+        total.failures += result.failures
+        done += len(batch)
+        if progress:
+            progress(done, len(names))
+    return total
+
+
+def _restore_batch(
+    names: Sequence[str], archive: Archive, out: str, tier: Tier, format: str | None
+) -> Restored:
+    done = Restored()
+    for name in names:
+        try:
+            clip = archive[name].decode(tier)
+            chosen = format or default_format(clip)
+            path = _target(archive, name, Path(out), chosen)
+            data = clip_bytes(clip, chosen)
+            write_whole(path, data)
+        except MotifoldError as problem:
+            done.failures.append(Failure(name, str(problem)))
+            continue
+        except OSError as problem:
+            done.failures.append(Failure(name, f"cannot be written ({problem})"))
+            continue
+        done.files[name] = str(path)
+        done.bytes += len(data)
+    return done
+
+
+def _target(archive: Archive, name: str, out: Path, format: str) -> Path:
+    """Return where a clip goes; clips that differ only in suffix keep theirs in the name."""
+    inside = PurePosixPath(name)
+    if inside.is_absolute() or ".." in inside.parts:
+        raise DamagedError(f"the clip's name {name!r} leads out of the folder", file=archive.path)
+    target = inside.with_suffix(f".{format}")
+    twins = [
+        other
+        for other in archive.rows
+        if other != name and PurePosixPath(other).with_suffix("") == inside.with_suffix("")
+    ]
+    return out / (inside.with_name(f"{inside.name}.{format}") if twins else target)
+
+
+def _lost(names: Sequence[str]) -> Restored:
+    return Restored(
+        failures=[Failure(name, "the worker process died while it decoded this") for name in names]
+    )

@@ -1,0 +1,120 @@
+"""Checking an archive: that it is whole, that it decodes, and that the sources agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..codec.encode import measure
+from ..codec.errors import DamagedError, MotifoldError
+from ..codec.formats.files import read_clip
+from .archive import Archive, ArchivedClip
+from .durable import digest
+from .executors import Executor
+from .layout import index_path
+from .store import check_generation
+
+BATCH_CLIPS = 32
+
+
+@dataclass
+class Verified:
+    """What a check found.
+
+    ``problems``: in words, with the file named. ``decoded``, ``measured``: how many clips were
+    decoded, and measured against their sources. ``max_error``: the largest certificate, or
+    measured error, centimetres.
+    """
+
+    clips: int = 0
+    decoded: int = 0
+    measured: int = 0
+    max_error: float = 0.0
+    problems: list[str] = field(default_factory=list)
+    orphans: int = 0
+
+
+def verify_archive(
+    archive: Archive,
+    *,
+    engine: Executor,
+    decode: bool = False,
+    library: str | Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Verified:
+    """Check every file of an archive against what was published; return what was found.
+
+    Always: ledgers, store files and index files are there, whole and consistent, and every
+    certificate is inside the tolerance of its job. ``decode``: every clip is decoded.
+    ``library``: the folder that was archived; every clip is compared with its source, and
+    its true error with its certificate.
+    """
+    found = Verified()
+    for generation, ledger in archive.ledgers.items():
+        found.problems += check_generation(archive.path, generation, ledger.store)
+    names = list(archive)
+    batches = [names[i : i + BATCH_CLIPS] for i in range(0, len(names), BATCH_CLIPS)]
+    folder = None if library is None else str(library)
+    results = engine.map_ordered(_verify_batch, batches, archive, decode, folder, lost=_lost)
+    for batch, result in zip(batches, results, strict=True):
+        found.clips += len(batch)
+        found.decoded += result.decoded
+        found.measured += result.measured
+        found.max_error = max(found.max_error, result.max_error)
+        found.problems += result.problems
+        if progress:
+            progress(found.clips, len(names))
+    needed = {
+        index_path(archive.path, row.index)
+        for ledger in archive.ledgers.values()
+        for row in ledger.rows
+    }
+    present = set((archive.path / "clips").glob("*/*"))
+    found.orphans = len(present - needed)
+    return found
+
+
+def _verify_batch(
+    names: Sequence[str], archive: Archive, decode: bool, library: str | None
+) -> Verified:
+    found = Verified()
+    for name in names:
+        try:
+            _verify_clip(archive[name], decode, library, found)
+        except MotifoldError as problem:
+            found.problems.append(f"{name}: {problem}")
+    return found
+
+
+def _verify_clip(clip: ArchivedClip, decode: bool, library: str | None, found: Verified) -> None:
+    index = clip.index()
+    if digest(clip.path.read_bytes()) != clip.row.index:
+        raise DamagedError("its bytes do not fit its name", file=clip.path)
+    worst = index.certificate.maximum
+    if worst > clip.tolerance:
+        raise DamagedError(f"certifies {worst:g} cm, outside {clip.tolerance:g} cm", file=clip.path)
+    if decode or library is not None:
+        decoded = clip.decode()
+        found.decoded += 1
+        if library is not None:
+            units = clip.archive.ledgers[clip.generation].settings["units"]
+            source = Path(library)
+            original = read_clip(source if source.is_file() else source / clip.name, units)
+            if original.frames != decoded.frames:
+                raise DamagedError(f"the source has {original.frames} frames, not {clip.frames}")
+            measured = measure(original, decoded).maximum
+            found.measured += 1
+            if measured > worst * (1 + 1e-6):
+                raise DamagedError(
+                    f"is {measured:g} cm off its source, but certifies {worst:g} cm",
+                    file=clip.path,
+                )
+            worst = measured
+    found.max_error = max(found.max_error, worst)
+
+
+def _lost(names: Sequence[str]) -> Verified:
+    return Verified(
+        problems=[f"{name}: the worker process died while it decoded" for name in names]
+    )

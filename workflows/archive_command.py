@@ -1,0 +1,124 @@
+"""``motifold archive``: archive the clips of a library."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .console import ProgressLine, show_json, show_table
+from .quantities import parse_length, show_bytes, show_duration, show_length, show_ratio
+
+if TYPE_CHECKING:
+    from ..pipeline.run import Progress, Report
+
+
+def archive(
+    library: Annotated[Path, typer.Argument(help="Folder of motion files.")],
+    archive: Annotated[Path, typer.Argument(help="Archive folder; made if it is not there.")],
+    tolerance: Annotated[
+        str, typer.Option(help="Largest error of any joint at any frame, such as 0.5mm or 1cm.")
+    ] = "1mm",
+    include: Annotated[
+        list[str] | None, typer.Option(help="Only files that match this glob; may be repeated.")
+    ] = None,
+    units: Annotated[
+        str | None, typer.Option(help="Length unit of the files (mm, cm, m, in), for all of them.")
+    ] = None,
+    parts: Annotated[
+        Path | None, typer.Option(help="TOML file that names body parts (see the README).")
+    ] = None,
+    segmentation: Annotated[
+        str, typer.Option(help="How clips are cut: threshold (Gu 2009) or fisher (optimal).")
+    ] = "threshold",
+    cluster_bound: Annotated[
+        str, typer.Option(help="What clusters bound: max (MaxError) or average (AveError).")
+    ] = "max",
+    cluster_radius: Annotated[
+        float, typer.Option(help="Bound of the clusters, in head diagonals.")
+    ] = 0.6,
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Worker processes; 0 or 1: none. Default: one a core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://host:8786.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of average-bound clustering.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Archive the motion files of LIBRARY into ARCHIVE.
+
+    Clips that are there already, unchanged and inside the tolerance, are skipped; files that
+    cannot be used are listed at the end (exit code 3) and stop nothing. An interrupted job
+    leaves the archive as it was.
+    """
+    from ..codec.bodyparts import load_parts
+    from ..codec.segments import SegmentRules
+    from ..pipeline.clustering import ClusterRules
+    from ..pipeline.plan import Settings
+    from ..pipeline.run import archive_library
+
+    settings = Settings(
+        tolerance=parse_length(tolerance),
+        units=units,
+        segments=SegmentRules(segmentation),  # type: ignore[arg-type]  # it checks the name
+        clusters=ClusterRules(cluster_bound, cluster_radius),  # type: ignore[arg-type]
+        seed=seed,
+    )
+    line = ProgressLine()
+    report = archive_library(
+        library,
+        archive,
+        settings,
+        include=include or (),
+        parts=load_parts(parts) if parts else None,
+        workers=workers,
+        scheduler=scheduler,
+        progress=lambda step: _show_progress(line, step),
+    )
+    line.clear()
+    if json:
+        show_json(asdict(report))
+    else:
+        show_report(report)
+    if report.failures:
+        raise typer.Exit(3)
+
+
+def _show_progress(line: ProgressLine, step: Progress) -> None:
+    note = ""
+    if step.archived_bytes:
+        note = f", {step.source_bytes / step.archived_bytes:.1f} : 1 so far"
+    line.update(step.stage, step.done, step.clips, note)
+
+
+def show_report(report: Report) -> None:
+    """Print what an archive job did."""
+    rows = [
+        ["clips archived", f"{report.clips:,}"],
+        ["clips unchanged", f"{report.unchanged:,}"],
+        ["files that failed", f"{len(report.failures):,}"],
+    ]
+    if report.clips:
+        rows += [
+            ["source files", show_bytes(report.source_bytes)],
+            ["float32 of what varies", show_bytes(report.float32_bytes)],
+            ["their index files", show_bytes(report.index_bytes)],
+            ["largest error", show_length(report.max_error)],
+            ["mean error", show_length(report.mean_error)],
+        ]
+    rows += [
+        ["whole archive, with store", show_bytes(report.archive_bytes)],
+        ["patterns in the store", f"{report.patterns:,}"],
+        ["time", show_duration(sum(report.seconds.values()))],
+    ]
+    if report.clips and not report.unchanged:
+        rows += [
+            ["source : archive", show_ratio(report.source_bytes, report.archive_bytes)],
+            ["float32 : archive", show_ratio(report.float32_bytes, report.archive_bytes)],
+        ]
+    show_table(rows)
+    for failure in report.failures:
+        print(f"failed: {failure.name}: {failure.reason}")

@@ -1,0 +1,55 @@
+"""Quantities as people write and read them: lengths, sizes, durations."""
+
+from __future__ import annotations
+
+import re
+
+from ..codec.errors import UsageError
+
+_CENTIMETRES = {"mm": 0.1, "cm": 1.0, "m": 100.0, "um": 1e-4, "in": 2.54}
+_LENGTH = re.compile(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Z]+)\s*")
+
+
+def parse_length(text: str) -> float:
+    """Return a length such as ``1mm``, ``0.5 cm`` or ``2in`` in centimetres.
+
+    Raises `UsageError`; a number without a unit is one, because a guess would be silent.
+    """
+    found = _LENGTH.fullmatch(text)
+    if not found or found[2].lower() not in _CENTIMETRES:
+        raise UsageError(
+            f"{text!r} is not a length",
+            advice=f"Write a number and a unit ({', '.join(_CENTIMETRES)}), such as 1mm",
+        )
+    return float(found[1]) * _CENTIMETRES[found[2].lower()]
+
+
+def show_length(centimetres: float) -> str:
+    """Return a length for people, in millimetres below 10 cm."""
+    if centimetres < 10.0:
+        return f"{centimetres * 10:.4g} mm"
+    return f"{centimetres:.4g} cm"
+
+
+def show_bytes(count: int) -> str:
+    """Return a size for people, in decimal units."""
+    size = float(count)
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 1000.0:
+            return f"{count} B" if unit == "B" else f"{size:.3g} {unit}"
+        size /= 1000.0
+    return f"{size:.3g} TB"
+
+
+def show_duration(seconds: float) -> str:
+    """Return a duration for people."""
+    if seconds < 120.0:
+        return f"{seconds:.3g} s"
+    if seconds < 7200.0:
+        return f"{seconds / 60:.3g} min"
+    return f"{seconds / 3600:.3g} h"
+
+
+def show_ratio(before: int, after: int) -> str:
+    """Return how many times smaller ``after`` bytes are than ``before``."""
+    return f"{before / after:.2f}" if after else "-"
