@@ -135,7 +135,7 @@ def _previewed(
         for number, course in courses.items():
             part = family.parts[number]
             anchor = positions[:, [marker_anchor(family, part)]]
-            positions[:, part.joints] = course.reshape(len(course), -1, 3) + anchor
+            positions[:, part.joints] = course.reshape(len(course), len(part.joints), 3) + anchor
         return _marker_clip(rig, preview, positions)
     world, shifts = dequantise_skeleton(family, preview.frame, rig.skeleton, path_only, step)
     for number, course in courses.items():

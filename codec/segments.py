@@ -99,7 +99,7 @@ def cut(
         borders = _no_longer_than(optimal_partition(signal, min(wanted, frames)), most)
     else:
         borders = partition(
-            signal.reshape(frames, -1, 3),
+            signal.reshape(frames, channels // 3, 3),
             np.ones(channels // 3),
             ratio=rules.ratio,
             key_threshold=rules.key_coefficient * head_diagonal,

@@ -124,7 +124,7 @@ def turn_signals(family: Family, part: BodyPart, world: FloatArray) -> FloatArra
     centres = np.swapaxes(family.centre_rotations[columns], -1, -2)
     vectors = to_axis_angle(centres @ relative_rotations(family.parts, part, world))
     vectors = _unwrapped(vectors) * family.turn_scale[columns, None]
-    return vectors.reshape(len(world), -1)
+    return vectors.reshape(len(world), 3 * len(columns))
 
 
 def _unwrapped(vectors: FloatArray) -> FloatArray:
@@ -173,8 +173,8 @@ def quantise_skeleton(
         weights = family.shift_scale[sliding, None] / step
         moves = np.rint((translations[:, sliding] - offsets[sliding]) * weights)
         shifts[:, sliding] += moves / weights
-        both = [turns.reshape(len(world), -1), moves.reshape(len(world), -1)]
-        integers.append(np.concatenate(both, axis=1).astype(np.int64))
+        both = np.concatenate([turns, moves], axis=1).astype(np.int64)
+        integers.append(both.reshape(len(world), part_channels(part, frame)))
     return integers, decoded, shifts
 
 
@@ -197,14 +197,14 @@ def dequantise_skeleton(
         if values is None:
             continue
         columns = list(part.joints)
-        turns = values[:, : 3 * len(columns)].reshape(frames, -1, 3)
+        turns = values[:, : 3 * len(columns)].reshape(frames, len(columns), 3)
         scale = family.turn_scale[columns, None] / step
         reference = _reference(family, part, world)
         world[:, columns] = _posed(
             _base_rotations(family, frame, columns), turns / scale, reference
         )
         sliding = frame.sliding_in(part)
-        moves = values[:, 3 * len(columns) :].reshape(frames, -1, 3)
+        moves = values[:, 3 * len(columns) :].reshape(frames, len(sliding), 3)
         shifts[:, sliding] += moves / (family.shift_scale[sliding, None] / step)
     return world, shifts
 
@@ -216,7 +216,7 @@ def pose_part(family: Family, part: BodyPart, signal: FloatArray, world: FloatAr
     3, 3), in which the part's ancestors are posed already.
     """
     columns = list(part.joints)
-    vectors = signal.reshape(len(world), -1, 3) / family.turn_scale[columns, None]
+    vectors = signal.reshape(len(world), len(columns), 3) / family.turn_scale[columns, None]
     centres = family.centre_rotations[columns][None]
     world[:, columns] = _posed(centres, vectors, _reference(family, part, world))
 
@@ -250,7 +250,7 @@ def quantise_markers(family: Family, positions: FloatArray, step: float) -> list
         own = grid[:, part.joints] - grid[:, [marker_anchor(family, part)]]
         if part.parent < 0:
             own[:, part.joints.index(part.reference)] = grid[:, part.reference]
-        integers.append(own.reshape(len(grid), -1))
+        integers.append(own.reshape(len(grid), 3 * len(part.joints)))
     return integers
 
 
@@ -267,7 +267,7 @@ def dequantise_markers(
     for part, values in zip(family.parts, integers, strict=True):
         if values is None:
             continue
-        own = values.reshape(frames, -1, 3)
+        own = values.reshape(frames, len(part.joints), 3)
         if part.parent < 0:
             centre = part.joints.index(part.reference)
             anchor = own[:, [centre]]
@@ -283,7 +283,7 @@ def dequantise_markers(
 def marker_signals(family: Family, part: BodyPart, positions: FloatArray) -> FloatArray:
     """Return a part's marker signals (frames, 3 × markers), centimetres, for its segments."""
     own = positions[:, part.joints] - positions[:, [marker_anchor(family, part)]]
-    return np.asarray(own.reshape(len(positions), -1))
+    return np.asarray(own.reshape(len(positions), 3 * len(part.joints)))
 
 
 def marker_anchor(family: Family, part: BodyPart) -> int:
