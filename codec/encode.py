@@ -134,9 +134,7 @@ class _Subject:
             return cls(clip, rig, codebook, preview, np.zeros(0), filled(clip.positions))
         world = world_rotations(clip.skeleton, clip.rotations)
         moved = np.abs(clip.translations - rig.skeleton.offsets).max(axis=(0, 2), initial=0.0)
-        slides = moved > min(STILL_SHARE * tolerance, 0.02)
-        sliding = tuple(joint for joint in can_slide(rig) if slides[joint])
-        frame = Frame(choose_bases(codebook.family, world), sliding)
+        frame = Frame(choose_bases(codebook.family, world), _sliding(rig, moved, tolerance))
         positions = world_positions(clip.skeleton, world, clip.translations)
         return cls(clip, rig, codebook, Preview(frame, None, index, orders), world, positions)
 
@@ -158,6 +156,16 @@ class _Subject:
         positions = world_positions(skeleton, world, shifts)
         errors = shell_errors(skeleton, self.world, self.positions, world, positions)
         return integers, float(errors.max(initial=0.0))
+
+
+def _sliding(rig: Rig, moved: FloatArray, tolerance: float) -> tuple[int, ...]:
+    """Return the joints whose translations, which move by ``moved`` (joints,), are coded."""
+    still = min(STILL_SHARE * tolerance, 0.02)
+    candidates = can_slide(rig)
+    # what is neglected adds up along the chain
+    if sum(moved[joint] for joint in candidates if moved[joint] <= still) > tolerance / 4:
+        still /= rig.skeleton.joints
+    return tuple(joint for joint in candidates if moved[joint] > still)
 
 
 def _check_size(clip: Clip) -> None:

@@ -7,9 +7,7 @@ workers only compute. What they return is consumed in order (see `executors`).
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,68 +16,31 @@ from ..codec.encode import Encoder
 from ..codec.errors import DamagedError, NotAnArchiveError
 from ..codec.index_file import unpack
 from ..codec.nearest import NearestPatterns
-from ..codec.rig import Rig, found_family
 from .clustering import Representatives, grow
 from .commit import Commit, Job, publish, read_commit
-from .discover import Source, discover
+from .discover import discover
 from .durable import digest, folder_bytes, sync_folder, write_whole
 from .executors import Executor, executor
 from .layout import current_rows, index_path, read_ledgers
-from .ledger import Failure, Ledger, Row, ledger_path, write_ledger
+from .ledger import Ledger, Row, ledger_path, write_ledger
 from .lock import writer_lock
 from .plan import Plan, Settings, make_plan
+from .report import Progress, Report
 from .store import NAME as STORE
 from .store import Store, read_store, write_generation
+from .survey import settle, survey_clips
 from .tasks import (
     EncodedBatch,
     EncodedClip,
-    FamilySketch,
     Prepared,
     Segmented,
     Survey,
-    Surveyed,
     encode_batch,
+    lost_failures,
     segment_batch,
-    survey_batch,
 )
 
 ROUND_CLIPS = 1024  # clips whose segments are clustered at a time: bounds the memory
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a job is: ``stage``, clips done of ``clips``, and bytes in and out so far."""
-
-    stage: str
-    done: int
-    clips: int
-    source_bytes: int = 0
-    archived_bytes: int = 0
-
-
-@dataclass
-class Report:
-    """What an archive job did.
-
-    ``archive_bytes`` is the whole archive, store and ledgers included. Errors are in
-    centimetres over all clips of this job; the mean is weighted by frames. ``seconds``: per
-    stage.
-    """
-
-    clips: int = 0
-    unchanged: int = 0
-    failures: list[Failure] = field(default_factory=list)
-    frames: int = 0
-    source_bytes: int = 0
-    float32_bytes: int = 0
-    index_bytes: int = 0
-    archive_bytes: int = 0
-    patterns: int = 0
-    segments: int = 0
-    matched: int = 0
-    max_error: float = 0.0
-    mean_error: float = 0.0
-    seconds: dict[str, float] = field(default_factory=dict)
 
 
 def archive_library(
@@ -136,20 +97,24 @@ class _Job:
         self._sweep(ledgers, generation)
         store = read_store(self.folder, before)
         known = {
-            name: row
+            name: row.source
             for name, (row, made) in current_rows(ledgers).items()
             if self._good_enough(ledgers[made].settings)
         }
 
-        with self._timed("survey"):
-            surveys = self._survey(store, known)
-        prepared = self._prepared(surveys, store)
-        with self._timed("cluster"):
+        with self.report.timed("survey"):
+            surveyed = survey_clips(
+                self.engine, self.plan, self.overrides, known, self._tell("survey")
+            )
+            prepared = settle(surveyed, self.plan, store)
+        self.report.unchanged = surveyed.unchanged
+        self.report.failures += surveyed.failures
+        with self.report.timed("cluster"):
             self._cluster(prepared, store)
-        with self._timed("encode"):
-            self._encode(prepared, surveys, store, generation)
-        with self._timed("publish"):
-            if self.rows or self.report.failures:
+        with self.report.timed("encode"):
+            self._encode(prepared, surveyed.clips, store, generation)
+        with self.report.timed("publish"):
+            if self.rows or self._new_failures(ledgers):
                 self._publish(before, generation, store)
         self.report.patterns = sum(sum(counts) for counts in store.counts().values())
         self.report.archive_bytes = folder_bytes(self.folder)
@@ -161,8 +126,13 @@ class _Job:
         ours = self.settings
         return bool(settings["tolerance"] <= ours.tolerance and settings["units"] == ours.units)
 
-    def _timed(self, stage: str) -> _Stopwatch:
-        return _Stopwatch(self.report.seconds, stage)
+    def _new_failures(self, ledgers: dict[int, Ledger]) -> bool:
+        """Return whether a file failed that the last job does not tell of."""
+        told = ledgers[max(ledgers)].failures if ledgers else ()
+        return not set(self.report.failures) <= set(told)
+
+    def _tell(self, stage: str) -> Callable[[int, int], None]:
+        return lambda done, clips: self.progress(Progress(stage, done, clips))
 
     def _sweep(self, ledgers: dict[int, Ledger], generation: int) -> None:
         """Remove what an interrupted job left: nothing that is published is touched."""
@@ -174,80 +144,6 @@ class _Job:
         for path in (self.folder / "clips").glob("*/*"):
             if path not in published:
                 path.unlink()
-
-    def _survey(self, store: Store, known: dict[str, Row]) -> dict[str, tuple[Survey, Source]]:
-        """Read all clips once; settle rigs and families in the store; return new clips by name."""
-        surveys: dict[str, tuple[Survey, Source]] = {}
-        rigs: dict[str, Rig] = {}
-        sketches: dict[str, FamilySketch] = {}
-        sources = {source.name: source for batch in self.plan.batches for source in batch}
-        done = 0
-        results = self.engine.map_ordered(
-            survey_batch,
-            self.plan.batches,
-            self.settings.units,
-            self.overrides,
-            lost=_lost_survey,
-        )
-        for batch, result in zip(self.plan.batches, results, strict=True):
-            self.report.failures += result.failures
-            for survey in result.clips:
-                old = known.get(survey.name)
-                if old is not None and old.source == survey.source:
-                    self.report.unchanged += 1
-                else:
-                    surveys[survey.name] = survey, sources[survey.name]
-            needed = {survey.rig_key for survey in result.clips if survey.name in surveys}
-            rigs.update((key, rig) for key, rig in result.rigs.items() if key in needed)
-            for key, sketch in result.families.items():
-                if key in sketches:
-                    sketches[key].usual = sketches[key].usual + sketch.usual
-                else:
-                    sketches[key] = sketch
-            done += len(batch)
-            self.progress(Progress("survey", done, self.plan.clips))
-        self._settle(store, rigs, sketches, surveys)
-        return surveys
-
-    def _settle(
-        self,
-        store: Store,
-        rigs: dict[str, Rig],
-        sketches: dict[str, FamilySketch],
-        surveys: dict[str, tuple[Survey, Source]],
-    ) -> None:
-        """Give every new clip a rig and a family in the store."""
-        self.rig_numbers: dict[str, int] = {}
-        markers = {rig.skeleton.names: rig.parts for rig in store.rigs if rig.kind == "markers"}
-        for survey, _ in surveys.values():
-            if survey.rig_key in self.rig_numbers:
-                continue
-            rig = rigs[survey.rig_key]
-            sketch = sketches[rig.family_key]
-            if rig.kind == "markers":  # sets of the same markers share the first one's hierarchy
-                rig = replace(rig, parts=markers.setdefault(rig.skeleton.names, rig.parts))
-            if rig.family_key not in store.families:
-                store.add_family(
-                    found_family(rig, sketch.usual, sketch.bones, sketch.head_diagonal)
-                )
-            number = store.rig_number(rig)
-            self.rig_numbers[survey.rig_key] = store.add_rig(rig) if number is None else number
-
-    def _prepared(
-        self, surveys: dict[str, tuple[Survey, Source]], store: Store
-    ) -> list[tuple[Prepared, ...]]:
-        """Return the new clips in the plan's batches."""
-        batches = []
-        for batch in self.plan.batches:
-            items = []
-            for source in batch:
-                if source.name in surveys:
-                    survey, _ = surveys[source.name]
-                    number = self.rig_numbers[survey.rig_key]
-                    items.append(Prepared(source, number, store.rigs[number], survey.source))
-            if items:
-                batches.append(tuple(items))
-        return batches
 
     def _cluster(self, batches: list[tuple[Prepared, ...]], store: Store) -> None:
         """Segment in parallel, then let each family's patterns grow, a round at a time."""
@@ -296,7 +192,7 @@ class _Job:
     def _encode(
         self,
         batches: list[tuple[Prepared, ...]],
-        surveys: dict[str, tuple[Survey, Source]],
+        surveys: dict[str, Survey],
         store: Store,
         generation: int,
     ) -> None:
@@ -326,7 +222,7 @@ class _Job:
             report.failures += result.failures
             numbers = {item.source.name: item.rig_number for item in batch}
             for encoded in result.clips:
-                survey = surveys[encoded.name][0]
+                survey = surveys[encoded.name]
                 self._keep(encoded, survey, numbers[encoded.name])
                 error_sum += encoded.certificate.mean * survey.frames
             done += len(batch)
@@ -398,27 +294,9 @@ class _Searchers:
         return self._made[key, part]
 
 
-class _Stopwatch:
-    def __init__(self, seconds: dict[str, float], stage: str) -> None:
-        self._seconds, self._stage = seconds, stage
-
-    def __enter__(self) -> None:
-        self._start = time.perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        self._seconds[self._stage] = time.perf_counter() - self._start
-
-
-_LOST = "the worker process died while it worked on this file, twice; is it too large for memory?"
-
-
-def _lost_survey(batch: tuple[Source, ...]) -> Surveyed:
-    return Surveyed(failures=[Failure(source.name, _LOST) for source in batch])
-
-
 def _lost_segments(batch: tuple[Prepared, ...]) -> Segmented:
-    return Segmented(failures=[Failure(item.source.name, _LOST) for item in batch])
+    return Segmented(failures=lost_failures(item.source.name for item in batch))
 
 
 def _lost_encoded(batch: tuple[Prepared, ...]) -> EncodedBatch:
-    return EncodedBatch(failures=[Failure(item.source.name, _LOST) for item in batch])
+    return EncodedBatch(failures=lost_failures(item.source.name for item in batch))

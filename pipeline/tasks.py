@@ -6,7 +6,7 @@ one bad file never stops a job.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -67,6 +67,7 @@ class Surveyed:
     clips: list[Survey] = field(default_factory=list)
     rigs: dict[str, Rig] = field(default_factory=dict)
     families: dict[str, FamilySketch] = field(default_factory=dict)
+    unchanged: int = 0
     failures: list[Failure] = field(default_factory=list)
 
 
@@ -108,21 +109,36 @@ class Prepared:
 
 
 def survey_batch(
-    batch: tuple[Source, ...], units: str | None, overrides: PartsFile | None
+    batch: tuple[Source, ...],
+    units: str | None,
+    overrides: PartsFile | None,
+    known: Mapping[str, str],
 ) -> Surveyed:
-    """Read every clip of a batch once: rigs, families, digests, repairs."""
+    """Read every clip of a batch once: rigs, families, digests, repairs.
+
+    ``known``: clip name to source digest of what is archived; such clips are not parsed.
+    """
     out = Surveyed()
     for source in batch:
 
         def survey(source: Source = source) -> None:
-            _survey(source, units, overrides, out)
+            _survey(source, units, overrides, known, out)
 
         _attempt(source.name, out.failures, survey)
     return out
 
 
-def _survey(source: Source, units: str | None, overrides: PartsFile | None, out: Surveyed) -> None:
+def _survey(
+    source: Source,
+    units: str | None,
+    overrides: PartsFile | None,
+    known: Mapping[str, str],
+    out: Surveyed,
+) -> None:
     data = source_bytes(source.path)
+    if known.get(source.name) == digest(data):
+        out.unchanged += 1
+        return
     clip = read_clip(source.path, units)
     parts = _parts(clip, overrides)
     rig = rig_of(clip, parts)
@@ -213,6 +229,12 @@ def _attempt(name: str, failures: list[Failure], work: Callable[[], Made]) -> Ma
     except Exception as problem:  # noqa: BLE001 - a bug of ours must not cost the other clips
         failures.append(Failure(name, f"internal error, {type(problem).__name__}: {problem}"))
     return None
+
+
+def lost_failures(names: Iterable[str]) -> list[Failure]:
+    """Return the failures of clips whose worker died on them."""
+    reason = "the worker process died on this file twice; is it too large for the memory?"
+    return [Failure(name, reason) for name in names]
 
 
 def _reason(problem: MotifoldError) -> str:

@@ -12,7 +12,7 @@ from .console import ProgressLine, show_json, show_table
 from .quantities import parse_length, show_bytes, show_duration, show_length, show_ratio
 
 if TYPE_CHECKING:
-    from ..pipeline.run import Progress, Report
+    from ..pipeline.report import Progress, Report
 
 
 def archive(
