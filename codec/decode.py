@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from .clip import Clip, FloatArray, IntArray, MarkerClip, SkeletonClip
+from .bodyparts import BodyPart
+from .clip import Clip, FloatArray, IntArray, MarkerClip, Skeleton, SkeletonClip
 from .conform import conformed
 from .errors import DamagedError, UsageError
 from .index_file import IndexFile
@@ -21,6 +23,7 @@ from .layers import (
     read_rest,
     unpredicted,
 )
+from .metrics import frame_blocks
 from .patterns import Codebook, unfold
 from .quantiser import step_of
 from .rig import Rig
@@ -44,8 +47,9 @@ def decode(
 
     ``codebook``: the family's patterns as of the file's generation. ``tier``: ``tolerance``
     for the certified clip, ``preview`` for patterns with smoothed borders on the exact root
-    path, which needs the preview layer only. ``parts``: names of the body parts wanted; joints
-    of parts that are neither wanted nor above a wanted one are left at rest (markers: NaN).
+    path, which needs the preview layer only. ``parts``: names of the body parts wanted; the
+    root part and the parts above a wanted one come with it, joints of all others are left at
+    rest (markers: NaN).
     Raises `DamagedError` where the layers contradict themselves, `UsageError` for unknown parts.
     """
     family = codebook.family
@@ -56,7 +60,7 @@ def decode(
         index.preview, rig, codebook, index.frames, most_frames(rig.frame_time)
     )
     step = step_of(index.step_code)
-    wanted = _with_ancestors(codebook, parts)
+    wanted = _with_ancestors(codebook, rig.skeleton, parts)
     if tier == "preview":
         starts = part_starts(preview, family.parts[0].joints, root_left.shape[1])
         root = unpredicted(root_left, None, None, starts, preview.orders[0])
@@ -109,8 +113,15 @@ def assemble(
     if preview.frame is None:
         positions = dequantise_markers(family, integers, rig.skeleton.joints, step)
         return _marker_clip(rig, preview, positions)
-    world, shifts = dequantise_skeleton(family, preview.frame, rig.skeleton, integers, step)
-    return _skeleton_clip(rig, world, shifts)
+    skipped = [part for part, values in zip(family.parts, integers, strict=True) if values is None]
+    frames, joints = preview.frame.bases.shape
+    rotations, translations = np.empty((frames, joints, 3, 3)), np.empty((frames, joints, 3))
+    for block in frame_blocks(frames):  # what lies between integers and clip takes much memory
+        frame = replace(preview.frame, bases=preview.frame.bases[block])
+        own = [None if values is None else values[block] for values in integers]
+        world, translations[block] = dequantise_skeleton(family, frame, rig.skeleton, own, step)
+        rotations[block] = _local(rig, world, skipped)
+    return SkeletonClip(rig.skeleton, rig.frame_time, rotations, translations, rig.layout)
 
 
 def _previewed(
@@ -140,7 +151,9 @@ def _previewed(
     world, shifts = dequantise_skeleton(family, preview.frame, rig.skeleton, path_only, step)
     for number, course in courses.items():
         pose_part(family, family.parts[number], course, world)
-    return _skeleton_clip(rig, world, shifts)
+    skipped = [part for number, part in enumerate(family.parts) if number not in wanted]
+    local = _local(rig, world, skipped)
+    return SkeletonClip(rig.skeleton, rig.frame_time, local, shifts, rig.layout)
 
 
 def _marker_clip(rig: Rig, preview: Preview, positions: FloatArray) -> MarkerClip:
@@ -149,13 +162,22 @@ def _marker_clip(rig: Rig, preview: Preview, positions: FloatArray) -> MarkerCli
     return MarkerClip(rig.skeleton.names, rig.frame_time, positions, rig.layout)
 
 
-def _skeleton_clip(rig: Rig, world: FloatArray, shifts: FloatArray) -> SkeletonClip:
-    world = conformed(rig.skeleton, rig.layout, world)
-    local = local_rotations(rig.skeleton, world)
-    return SkeletonClip(rig.skeleton, rig.frame_time, local, shifts, rig.layout)
+def _local(rig: Rig, world: FloatArray, skipped: Sequence[BodyPart]) -> FloatArray:
+    """Return local rotations of world ones, with the joints of ``skipped`` parts at rest."""
+    local = local_rotations(rig.skeleton, conformed(rig.skeleton, rig.layout, world))
+    for part in skipped:
+        local[:, part.joints] = np.eye(3)
+    return local
 
 
-def _with_ancestors(codebook: Codebook, names: Collection[str] | None) -> set[int]:
+def _with_ancestors(
+    codebook: Codebook, skeleton: Skeleton, names: Collection[str] | None
+) -> set[int]:
+    """Return the parts to decode: the named ones, and those above them.
+
+    Above in the hierarchy of parts, which the integers are relative to, and in the skeleton: a
+    Biped's thighs hang on its spine, while the leg's parent part is the root.
+    """
     parts = codebook.family.parts
     if names is None:
         return set(range(len(parts)))
@@ -165,10 +187,14 @@ def _with_ancestors(codebook: Codebook, names: Collection[str] | None) -> set[in
         raise UsageError(
             f"no body part {', '.join(unknown)}", advice=f"Choose from {', '.join(known)}"
         )
+    owner = {joint: number for number, part in enumerate(parts) for joint in part.joints}
+    waiting = [0, *(known[name] for name in names)]
     wanted: set[int] = set()
-    for name in names:
-        number = known[name]
-        while number >= 0:
-            wanted.add(number)
-            number = parts[number].parent
+    while waiting:
+        number = waiting.pop()
+        if number in wanted:
+            continue
+        wanted.add(number)
+        above = {owner.get(int(skeleton.parents[joint]), 0) for joint in parts[number].joints}
+        waiting += [*above, max(parts[number].parent, 0)]
     return wanted

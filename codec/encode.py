@@ -24,7 +24,14 @@ from .layers import (
     write_preview,
     write_rest,
 )
-from .metrics import Errors, clip_errors, marker_errors, shell_errors, summarise
+from .metrics import (
+    Errors,
+    clip_errors,
+    frame_blocks,
+    marker_errors,
+    shell_errors,
+    summarise,
+)
 from .nearest import NearestPatterns
 from .patterns import Codebook
 from .quantiser import code_below, step_of
@@ -133,9 +140,9 @@ class _Subject:
             preview = Preview(None, clip.seen, index, orders)
             return cls(clip, rig, codebook, preview, np.zeros(0), filled(clip.positions))
         world = world_rotations(clip.skeleton, clip.rotations)
-        moved = np.abs(clip.translations - rig.skeleton.offsets).max(axis=(0, 2), initial=0.0)
-        frame = Frame(choose_bases(codebook.family, world), _sliding(rig, moved, tolerance))
         positions = world_positions(clip.skeleton, world, clip.translations)
+        sliding = _sliding(clip, rig, world, positions, tolerance)
+        frame = Frame(choose_bases(codebook.family, world), sliding)
         return cls(clip, rig, codebook, Preview(frame, None, index, orders), world, positions)
 
     def quantised(self, step: float) -> tuple[list[IntArray], float]:
@@ -148,29 +155,57 @@ class _Subject:
             seen = self.preview.seen
             assert seen is not None
             return integers, float(np.sqrt(square[seen].max(initial=0.0)))
+        blocks = [self._block_quantised(step, at) for at in frame_blocks(self.clip.frames)]
+        parts = zip(*(integers for integers, _ in blocks), strict=True)
+        return [np.concatenate(part) for part in parts], max(error for _, error in blocks)
+
+    def _block_quantised(self, step: float, block: slice) -> tuple[list[IntArray], float]:
+        """Return the integers and the largest error of a skeleton clip's frames ``block``."""
         assert isinstance(self.clip, SkeletonClip)
+        assert self.preview.frame is not None
+        skeleton = self.rig.skeleton
         integers, world, shifts = quantise_skeleton(
-            family, self.preview.frame, skeleton.offsets, self.world, self.clip.translations, step
+            self.codebook.family,
+            replace(self.preview.frame, bases=self.preview.frame.bases[block]),
+            skeleton.offsets,
+            self.world[block],
+            self.clip.translations[block],
+            step,
         )
         world = conformed(skeleton, self.rig.layout, world)
         positions = world_positions(skeleton, world, shifts)
-        errors = shell_errors(skeleton, self.world, self.positions, world, positions)
+        errors = shell_errors(skeleton, self.world[block], self.positions[block], world, positions)
         return integers, float(errors.max(initial=0.0))
 
 
-def _sliding(rig: Rig, moved: FloatArray, tolerance: float) -> tuple[int, ...]:
-    """Return the joints whose translations, which move by ``moved`` (joints,), are coded."""
+def _sliding(
+    clip: SkeletonClip, rig: Rig, world: FloatArray, positions: FloatArray, tolerance: float
+) -> tuple[int, ...]:
+    """Return the joints whose translation is coded: those that leave their rest offset."""
+    offsets = rig.skeleton.offsets
+    moved = np.abs(clip.translations - offsets).max(axis=(0, 2), initial=0.0)
     still = min(STILL_SHARE * tolerance, 0.02)
     candidates = can_slide(rig)
-    # what is neglected adds up along the chain
-    if sum(moved[joint] for joint in candidates if moved[joint] <= still) > tolerance / 4:
+    sliding = [joint for joint in candidates if moved[joint] > still]
+    if 2.0 * sum(moved[joint] for joint in candidates if moved[joint] <= still) < tolerance:
+        return tuple(sliding)
+    # what is neglected adds up along a chain of joints; past the tolerance no step mends it
+    kept = np.broadcast_to(offsets, clip.translations.shape).copy()
+    kept[:, sliding] = clip.translations[:, sliding]
+    missed = np.square(world_positions(clip.skeleton, world, kept) - positions).sum(axis=2)
+    if missed.max(initial=0.0) >= tolerance * tolerance:
         still /= rig.skeleton.joints
     return tuple(joint for joint in candidates if moved[joint] > still)
 
 
 def _check_size(clip: Clip) -> None:
-    values = clip.positions if isinstance(clip, MarkerClip) else clip.translations
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    if isinstance(clip, MarkerClip):
+        joints, largest = len(clip.names), np.nanmax(np.abs(clip.positions), initial=0.0)
+    else:
+        joints, lengths = clip.skeleton.joints, (clip.translations, clip.skeleton.end_offsets)
+        largest = np.max([np.abs(values).max(initial=0.0) for values in lengths])
+    if not joints:
+        raise UnsupportedError("the clip has no joints or markers", advice="Leave this file out")
     if not largest < 1e7:
         raise UnsupportedError(
             f"positions reach {largest:.3g} cm", advice="Check the file's unit (--units)"

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from math import isqrt, sqrt
+from math import isqrt, log2, sqrt
 from typing import Any
 
 import constriction
 import numpy as np
 
 from .clip import IntArray
-from .errors import DamagedError
+from .errors import DamagedError, GuaranteeError
 
 CLASSES = 48
 ESCAPE_LIMIT = 60  # symbols beyond ±60 (after their class's shift) are escaped
 FIXED_POINT = 256  # activities are mean |difference| in 1/256
+LONGEST_NUMBER = 47  # bits
 
 # Class c holds activities from CLASS_FLOORS[c]; each class is √2 wider than the last.
 CLASS_FLOORS: IntArray = np.array([0] + [isqrt(36 << c) for c in range(1, CLASSES)], np.int64)
@@ -65,9 +66,20 @@ def _class_model(index: int) -> Any:
     return constriction.stream.model.Categorical(table, perfect=False)
 
 
+@lru_cache(maxsize=CLASSES)
+def least_bits(index: int) -> float:
+    """Return what a difference of a class costs at the least, without its low bits."""
+    return -log2(max(class_probabilities(index)))
+
+
 @lru_cache(maxsize=4096)
 def _uniform_model(size: int) -> Any:
     return constriction.stream.model.Uniform(size)
+
+
+# More than all that a writer gets for nothing: symbols that come first in their tables, at the
+# end of a stream, are zero bytes, which are cut off.
+_CREDIT_BITS = 4096.0
 
 
 class SymbolWriter:
@@ -86,9 +98,16 @@ class SymbolWriter:
             self._encoder.encode(array.astype(np.int32), _uniform_model(size))
 
     def number(self, value: int) -> None:
-        """Write one whole number from 0 to 2^47: its bit length, then its bits."""
+        """Write one whole number from 0 to 2^48 - 2: its bit length, then its bits.
+
+        Raises `GuaranteeError` for a larger one: a jump of 2^46 steps and more.
+        """
         length = (value + 1).bit_length() - 1
-        self.uniform([length], 48)
+        if length > LONGEST_NUMBER:
+            raise GuaranteeError(
+                "a jump is too large for so small a tolerance", advice="Ask for a larger tolerance"
+            )
+        self.uniform([length], LONGEST_NUMBER + 1)
         self.uniform([value + 1 - (1 << length)], 1 << length)
 
     def differences(self, values: IntArray, class_index: int) -> None:
@@ -111,11 +130,22 @@ class SymbolWriter:
 
 
 class SymbolReader:
-    """Reads what a `SymbolWriter` wrote; the calls must be the same, in the same order."""
+    """Reads what a `SymbolWriter` wrote; the calls must be the same, in the same order.
+
+    A stream decodes for ever, whatever it holds. So that time and memory stay in proportion to
+    its bytes, every symbol is charged what it must have cost at the least, and a stream that is
+    overdrawn raises `DamagedError`.
+    """
 
     def __init__(self, data: bytes) -> None:
+        self._bits_left = 8.0 * len(data) + _CREDIT_BITS
         words = np.frombuffer(data + b"\0" * (-len(data) % 4), "<u4").astype(np.uint32)
         self._decoder: Any = constriction.stream.queue.RangeDecoder(words)
+
+    def _charge(self, bits: float) -> None:
+        self._bits_left -= 0.99 * bits  # what rounding of the tables may gain
+        if self._bits_left < 0.0:
+            raise DamagedError("the coded stream ends before its symbols do")
 
     def _decode(self, model: Any, count: int) -> IntArray:
         try:
@@ -125,9 +155,17 @@ class SymbolReader:
 
     def uniform(self, count: int, size: int) -> IntArray:
         """Read ``count`` values that are each 0 … size - 1."""
+        # the last of many values may be more likely than the others, but costs 8 bits at least
+        self._charge(count * min(log2(size), 8.0))
+        values = self._uniform(count, size)
+        if size > 1 << 16 and count and values.max() >= size:
+            raise DamagedError(f"the coded stream names number {values.max()} of {size}")
+        return values
+
+    def _uniform(self, count: int, size: int) -> IntArray:
         high = np.zeros(count, np.int64)
         if size > 1 << 16:
-            high = self.uniform(count, ((size - 1) >> 16) + 1) << 16
+            high = self._uniform(count, ((size - 1) >> 16) + 1) << 16
             size = 1 << 16
         if size > 1 and count:
             high += self._decode(_uniform_model(size), count)
@@ -135,15 +173,17 @@ class SymbolReader:
 
     def number(self) -> int:
         """Read one whole number."""
-        length = int(self.uniform(1, 48)[0])
+        length = int(self.uniform(1, LONGEST_NUMBER + 1)[0])
         return (1 << length) + int(self.uniform(1, 1 << length)[0]) - 1
 
     def differences(self, count: int, class_index: int) -> IntArray:
         """Read ``count`` signed numbers of one class."""
         shift = int(CLASS_SHIFTS[class_index])
+        self._charge(count * least_bits(class_index))
         symbols = self._decode(_class_model(class_index), count)
         high = symbols - ESCAPE_LIMIT
-        low = self.uniform(count, 1 << shift) if shift else 0
+        # not charged: low bits that are 0 cost nothing at the end of a stream
+        low = self._uniform(count, 1 << shift) if shift else 0
         for position in np.flatnonzero(symbols == 2 * ESCAPE_LIMIT + 1):
             code = self.number()
             size = (code >> 1) + ESCAPE_LIMIT + 1

@@ -108,7 +108,8 @@ def _log_code(value: float) -> int:
     """Return a 16-bit logarithmic code of a length >= 0, rounded up by at most 0.034 %."""
     if value <= 0.0:
         return 0
-    return min(max(math.ceil((math.log2(value) + 20.0) * 2048.0), 1), 65535)
+    code = min(max(math.ceil((math.log2(value) + 20.0) * 2048.0), 1), 65535)
+    return code + 1 if _from_log_code(code) < value and code < 65535 else code
 
 
 def _from_log_code(code: int) -> float:

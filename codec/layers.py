@@ -250,10 +250,12 @@ def _read_gaps(reader: SymbolReader, frames: int, markers: int) -> BoolArray:
         count = reader.number()
         if count > frames:
             raise DamagedError(f"marker {marker} has more gaps than there are frames")
-        turns = np.cumsum(np.array([reader.number() for _ in range(count)], np.int64))
-        if count and turns[-1] >= frames:
+        turns = [0]
+        for _ in range(count):
+            turns.append(turns[-1] + reader.number())
+        if turns[-1] >= max(frames, 1):
             raise DamagedError(f"marker {marker} has a gap after the last frame")
-        runs.append(turns)
+        runs.append(np.array(turns[1:], np.int64))
     return from_runs(runs, frames)
 
 

@@ -17,6 +17,7 @@ from .clip import FloatArray, MarkerClip, Skeleton, SkeletonClip
 from .kinematics import end_positions, world_positions, world_rotations
 
 SHELL_CENTIMETRES = 3.0
+BLOCK_FRAMES = 4096
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,20 @@ def shell_errors(
 
 def clip_errors(original: SkeletonClip, decoded: SkeletonClip) -> FloatArray:
     """Return `shell_errors` of two clips of the same skeleton, (frames, joints + end sites)."""
-    posed = []
-    for clip in (original, decoded):
-        world = world_rotations(clip.skeleton, clip.rotations)
-        posed += [world, world_positions(clip.skeleton, world, clip.translations)]
-    return shell_errors(original.skeleton, *posed)
+    skeleton = original.skeleton
+    blocks = []
+    for block in frame_blocks(original.frames):
+        posed = []
+        for clip in (original, decoded):
+            world = world_rotations(skeleton, clip.rotations[block])
+            posed += [world, world_positions(skeleton, world, clip.translations[block])]
+        blocks.append(shell_errors(skeleton, *posed))
+    return np.concatenate(blocks)
+
+
+def frame_blocks(frames: int) -> list[slice]:
+    """Return slices that cover a clip's frames in order, each few enough to keep memory small."""
+    return [slice(at, at + BLOCK_FRAMES) for at in range(0, max(frames, 1), BLOCK_FRAMES)]
 
 
 def marker_errors(original: MarkerClip, decoded: MarkerClip) -> FloatArray:

@@ -21,7 +21,7 @@ def step_of(code: int) -> float:
 
 def code_below(step: float) -> int:
     """Return the code of the largest step that is not larger than ``step`` (centimetres)."""
-    mantissa, exponent = math.frexp(step / _LEAST)  # mantissa in [0.5, 1)
+    mantissa, exponent = math.frexp(min(step, 2.0**20) / _LEAST)  # mantissa in [0.5, 1)
     if exponent < 1:
         return 0
     code = (exponent - 1) * _RUNGS + int((mantissa * 2.0 - 1.0) * _RUNGS)

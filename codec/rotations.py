@@ -148,14 +148,18 @@ def to_euler(order: str, matrices: FloatArray) -> FloatArray:
     return out
 
 
+_LOCKED = 1e-8  # radians from gimbal lock, where rounding takes over
+
+
 def _three_angles(order: str, m: FloatArray) -> FloatArray:
     i, j, k = ("XYZ".index(letter) for letter in order)
     out = np.empty((*m.shape[:-2], 3))
     if i == k:  # proper Euler: the third axis that does not appear completes the frame
         k = 3 - i - j
         sign = 1.0 if (j - i) % 3 == 1 else -1.0
-        out[..., 1] = np.arccos(np.clip(m[..., i, i], -1.0, 1.0))
-        locked = np.abs(m[..., i, i]) > 1.0 - 1e-12
+        sine = np.hypot(m[..., i, j], m[..., i, k])
+        out[..., 1] = np.arctan2(sine, m[..., i, i])
+        locked = sine < _LOCKED
         out[..., 0] = np.where(
             locked,
             np.arctan2(sign * m[..., k, j], m[..., j, j]),
@@ -165,8 +169,9 @@ def _three_angles(order: str, m: FloatArray) -> FloatArray:
         return out
     sign = 1.0 if (j - i) % 3 == 1 else -1.0
     sine = np.clip(sign * m[..., i, k], -1.0, 1.0)
-    out[..., 1] = np.arctan2(sine, np.hypot(m[..., i, i], m[..., i, j]))
-    locked = np.abs(sine) > 1.0 - 1e-12
+    cosine = np.hypot(m[..., i, i], m[..., i, j])
+    out[..., 1] = np.arctan2(sine, cosine)
+    locked = cosine < _LOCKED
     out[..., 0] = np.where(
         locked,
         np.arctan2(sign * m[..., k, j], m[..., j, j]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from functools import cached_property, lru_cache
@@ -64,9 +64,10 @@ class Archive(Mapping[str, "ArchivedClip"]):
             self._closed = True
             self._loaded.clear()
             self._codebooks.clear()
+        _reopened.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _reopened, (str(self.path), self.commit.generation)
+        return _reopened, (str(self.path.absolute()), _last_ledger(self.commit))
 
     def __getitem__(self, name: str) -> ArchivedClip:
         entry = self.rows.get(name)
@@ -75,6 +76,9 @@ class Archive(Mapping[str, "ArchivedClip"]):
             advice = f"Did you mean {' or '.join(close)}?" if close else "See: motifold info"
             raise UnknownClipError(f"no clip {name!r}", file=self.path, advice=advice)
         return ArchivedClip(self, *entry)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.rows
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.rows)
@@ -89,8 +93,7 @@ class Archive(Mapping[str, "ArchivedClip"]):
         """
         if text in self.rows:
             return [text]
-        stems = [name for name in self.rows if str(PurePosixPath(name).with_suffix("")) == text]
-        found = stems or [name for name in self.rows if fnmatch(name, text)]
+        found = self.stems.get(text) or [name for name in self.rows if fnmatch(name, text)]
         return found or [self[text].name]
 
     @property
@@ -109,9 +112,17 @@ class Archive(Mapping[str, "ArchivedClip"]):
         return value
 
     @property
+    def stems(self) -> dict[str, list[str]]:
+        """The names of the clips by what is left of them without their suffix."""
+        rows = self.rows
+        value: dict[str, list[str]] = self._once("stems", lambda: _by_stem(rows))
+        return value
+
+    @property
     def store(self) -> Store:
         """The pattern store."""
-        value: Store = self._once("store", lambda: read_store(self.path, self.commit))
+        ledgers = self.ledgers
+        value: Store = self._once("store", lambda: read_store(self.path, self.commit, ledgers))
         return value
 
     def codebook(self, family: str, generation: int) -> Codebook:
@@ -141,12 +152,27 @@ class Archive(Mapping[str, "ArchivedClip"]):
             return self._loaded[key]
 
 
+def _by_stem(names: Iterable[str]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for name in names:
+        found.setdefault(str(PurePosixPath(name).with_suffix("")), []).append(name)
+    return found
+
+
+def _last_ledger(commit: Commit) -> str:
+    return commit.jobs[-1].ledger if commit.jobs else ""
+
+
 @lru_cache(maxsize=8)
-def _reopened(path: str, generation: int) -> Archive:
-    """Open an archive in another process, once; as of the generation that was sent."""
+def _reopened(path: str, last_ledger: str) -> Archive:
+    """Open an archive in another process, once; as of the job that was the last one when sent."""
     archive = Archive(path)
-    kept = tuple(job for job in archive.commit.jobs if job.generation <= generation)
-    archive.commit = Commit(kept)
+    jobs = archive.commit.jobs
+    while jobs and jobs[-1].ledger != last_ledger:
+        jobs = jobs[:-1]
+    archive.commit = Commit(jobs)
+    if _last_ledger(archive.commit) != last_ledger:
+        raise DamagedError("another archive took its place", file=path, advice="Open it again")
     return archive
 
 

@@ -11,6 +11,7 @@ so MaxError holds, at a cost per clip that does not grow with the store.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -43,6 +44,11 @@ class ClusterRules:
     def __post_init__(self) -> None:
         if self.bound not in ("max", "average"):
             raise UsageError(f"unknown cluster bound {self.bound!r}", advice="Use max or average")
+        if not 0.0 <= self.radius_coefficient < math.inf:
+            raise UsageError(
+                f"a cluster radius of {self.radius_coefficient:g} head diagonals",
+                advice="Choose a number from 0 up",
+            )
 
     def radius(self, head_diagonal: float, tolerance: float) -> float:
         """Return the bound in RMS centimetres for a body size and a tolerance in centimetres."""
@@ -82,30 +88,31 @@ def within_clip(points: FloatArray, radius: float) -> Representatives:
 
 
 def grow(
-    searcher: NearestPatterns, groups: list[Representatives], radius: float, rules: ClusterRules
+    searcher: NearestPatterns,
+    groups: list[Representatives],
+    radius: float,
+    rules: ClusterRules,
+    seed: int = 0,
 ) -> npt.NDArray[np.int16]:
     """Step two: add the patterns that the clips of a round need; return them as stored.
 
     ``searcher`` holds the known patterns and receives the new ones. ``groups``: the clips'
-    representatives, in the clips' order, which alone decides the numbering.
+    representatives, in the clips' order, which alone decides the numbering. ``seed``: of
+    K-means, which only clustering by average error uses.
     """
     points = np.concatenate([group.points for group in groups]).astype(np.float64)
     weights = np.concatenate([group.counts for group in groups])
     reach = radius * (1.0 - WITHIN_CLIP)
     unknown = searcher.within(points, reach)[0] < 0
     points, weights = points[unknown], weights[unknown]
-    if rules.bound == "average":
-        found = [_averaged(points, weights, reach)]
-    else:
-        found = [_means(points, weights, reach)]
-        for pattern in to_centimetres(found[0]):
-            searcher.add(pattern)
-        # a mean can be farther from a member than its first segment was: those found their own
-        found.append(_leaders(searcher, points, reach))
-        return np.concatenate(found)
-    for pattern in to_centimetres(found[0]):
+    average = rules.bound == "average"
+    means = _averaged(points, weights, reach, seed) if average else _means(points, weights, reach)
+    for pattern in to_centimetres(means):
         searcher.add(pattern)
-    return found[0]
+    if average:
+        return means
+    # a mean can be farther from a member than its first segment was: those found their own
+    return np.concatenate([means, _leaders(searcher, points, reach)])
 
 
 def _means(points: FloatArray, weights: IntArray, reach: float) -> npt.NDArray[np.int16]:
@@ -131,17 +138,18 @@ def _leaders(searcher: NearestPatterns, points: FloatArray, reach: float) -> npt
     return np.concatenate([to_coefficients(points[:0]), *found])
 
 
-def _averaged(points: FloatArray, weights: IntArray, reach: float) -> npt.NDArray[np.int16]:
+def _averaged(
+    points: FloatArray, weights: IntArray, reach: float, seed: int
+) -> npt.NDArray[np.int16]:
     """Return the K-means centres with the least K, by doubling, that keep AveError in reach."""
-    if not len(points):
-        return to_coefficients(points)
-    flat = points.reshape(len(points), -1)
+    flat = points.reshape(len(points), points.shape[1] * points.shape[2])
     clusters = 1
-    while True:
-        means = MiniBatchKMeans(clusters, random_state=0, n_init=1, batch_size=1024)
+    while clusters < len(points):
+        means = MiniBatchKMeans(clusters, random_state=seed, n_init=1, batch_size=1024)
         means.fit(flat, sample_weight=weights)
         gaps = np.square(flat - means.cluster_centers_[means.labels_]).sum(axis=1)
         error = np.sqrt(np.average(gaps, weights=weights)) / distance_scale(points.shape[2])
-        if error <= reach or clusters == len(points):
+        if error <= reach:
             return to_coefficients(means.cluster_centers_.reshape(-1, *points.shape[1:]))
-        clusters = min(2 * clusters, len(points))
+        clusters *= 2
+    return to_coefficients(points)

@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..codec.errors import DamagedError, NotAnArchiveError, VersionError
-from .durable import sync_folder, write_whole
+from ..codec.errors import DamagedError, NotAnArchiveError, UsageError, VersionError
+from .durable import sync, write_whole
 
 FORMAT = 1
 NAME = "COMMIT.json"
@@ -82,8 +82,28 @@ def read_commit(archive: Path) -> Commit:
         ) from problem
 
 
+def read_or_start(archive: Path) -> Commit:
+    """Return the state of the archive in folder ``archive``, which is begun if that is empty.
+
+    A job removes what an interrupted one left, so it must not take another folder, or an
+    archive that lost its COMMIT.json, for an archive of its own: raises `UsageError`.
+    """
+    try:
+        return read_commit(archive)
+    except NotAnArchiveError:
+        strangers = sorted(p.name for p in archive.iterdir() if not p.name.startswith("."))
+    if strangers:
+        raise UsageError(
+            f"is no archive (no {NAME}), but holds {', '.join(strangers[:3])}",
+            file=archive,
+            advice="Name a new folder or an empty one",
+        )
+    publish(archive, Commit())
+    return Commit()
+
+
 def publish(archive: Path, commit: Commit) -> None:
     """Make ``commit`` the state of the archive, atomically and durably."""
     record = {"format": FORMAT, "jobs": [asdict(job) for job in commit.jobs]}
     write_whole(archive / NAME, (json.dumps(record, indent=1, sort_keys=True) + "\n").encode())
-    sync_folder(archive)
+    sync(archive)

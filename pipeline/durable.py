@@ -4,29 +4,51 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from ..codec.errors import ArchiveError
+
+PARTIAL = ".*.part"
+"""Files that a crash left half written have names like this."""
 
 
 def write_whole(path: Path, data: bytes) -> None:
     """Write ``data`` to ``path`` so that a reader, or a crash, sees all of it or none.
 
-    Goes through a temporary name in the same folder; the bytes are on disk before the name is.
+    Goes through a temporary name in the same folder (see `PARTIAL`); the bytes are on disk
+    before the name is. Raises `ArchiveError`.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            with partial.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise what goes wrong with the disk in the block as an `ArchiveError` about ``path``."""
     try:
-        with partial.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+        yield
+    except OSError as problem:
+        raise ArchiveError(
+            f"cannot be written ({problem.strerror or problem})",
+            file=path,
+            advice="Check its permissions and the free space",
+        ) from problem
 
 
-def sync_folder(folder: Path) -> None:
-    """Make the names in ``folder`` durable."""
-    handle = os.open(folder, os.O_RDONLY)
+def sync(path: Path) -> None:
+    """Make a file, or the names in a folder, durable."""
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:
@@ -40,4 +62,8 @@ def digest(data: bytes) -> str:
 
 def folder_bytes(folder: Path) -> int:
     """Return the size of all files below ``folder``, in bytes."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    sizes = 0
+    for path in folder.rglob("*"):
+        with suppress(FileNotFoundError):  # a writer may be at work
+            sizes += path.stat().st_size if path.is_file() else 0
+    return sizes

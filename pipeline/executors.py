@@ -10,8 +10,9 @@ from __future__ import annotations
 import logging
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import islice
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -22,6 +23,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 WINDOW = 4  # batches under way per worker
+PATIENCE = 10.0  # seconds without news, after which the cluster is looked at
 
 
 class Executor(Protocol):
@@ -40,6 +42,30 @@ class Executor(Protocol):
         of an item that kills its worker twice, alone the second time.
         """
         ...
+
+
+def map_batches(
+    engine: Executor,
+    function: Callable[..., Result],
+    batches: Sequence[Sequence[Item]],
+    *shared: Any,
+    lost: Callable[[Sequence[Item]], Result],
+) -> Iterator[tuple[Sequence[Item], Result]]:
+    """Yield (batch, ``function(batch, *shared)``) for each batch, in order.
+
+    A batch that kills its worker is taken apart and tried again item by item, so that one bad
+    file does not cost its neighbours; see `Executor.map_ordered` for the rest.
+    """
+    results: Iterator[Result | None] = engine.map_ordered(
+        function, batches, *shared, lost=lambda batch: lost(batch) if len(batch) == 1 else None
+    )
+    for batch, result in zip(batches, results, strict=True):
+        if result is not None:
+            yield batch, result
+            continue
+        singles = [batch[place : place + 1] for place in range(len(batch))]
+        again = engine.map_ordered(function, singles, *shared, lost=lost)
+        yield from zip(singles, again, strict=True)
 
 
 def one_thread(function: Callable[..., Result], *arguments: Any) -> Result:
@@ -78,73 +104,77 @@ class DaskExecutor:
         lost: Callable[[Item], Result],
     ) -> Iterator[Result]:
         """Yield the results; see `Executor`. Raises `SchedulerError` if the cluster is gone."""
-        # in a list of one, because a dict would be taken apart and scattered by its keys
-        sent = [self._client.scatter([value], broadcast=True, hash=False)[0] for value in shared]
+        from concurrent.futures import CancelledError
+
+        from distributed import KilledWorker
+
+        sent = self._send(shared)
         waiting: deque[tuple[Item, Any]] = deque()
         window = WINDOW * max(1, len(self._client.nthreads()))
         source = iter(items)
         while True:
-            while len(waiting) < window:
-                try:
-                    item = next(source)
-                except StopIteration:
-                    break
+            for item in islice(source, window - len(waiting)):
                 waiting.append((item, self._submit(function, item, sent)))
             if not waiting:
                 return
-            yield self._result(function, *waiting.popleft(), sent, lost)
+            item, future = waiting.popleft()
+            try:
+                result = self._wait(future)
+            except (KilledWorker, CancelledError):
+                # its own doing, or that of a neighbour on the same worker: once more, alone
+                for _, other in waiting:
+                    with suppress(Exception):
+                        self._wait(other)
+                sent = self._send(shared)  # the workers that are gone may have been all that had it
+                try:
+                    result = self._wait(self._submit(function, item, sent))
+                except (KilledWorker, CancelledError):
+                    result = lost(item)
+            yield result
+
+    def _send(self, shared: Sequence[Any]) -> list[Any]:
+        self._check_cluster()
+        try:
+            # in a list of one, because a dict would be taken apart and scattered by its keys
+            return [self._client.scatter([one], broadcast=True, hash=False)[0] for one in shared]
+        except OSError as problem:  # a time-out is one
+            raise _gone(problem) from problem
 
     def _submit(self, function: Callable[..., Result], item: Item, sent: list[Any]) -> Any:
         return self._client.submit(one_thread, function, item, *sent, pure=False)
 
-    def _result(
-        self,
-        function: Callable[..., Result],
-        item: Item,
-        future: Any,
-        sent: list[Any],
-        lost: Callable[[Item], Result],
-    ) -> Result:
-        from distributed import KilledWorker
-
-        # a task that kills its worker also takes down its innocent neighbours: try once more
-        for attempt in (future, None):
-            waited = self._submit(function, item, sent) if attempt is None else attempt
-            try:
-                result: Result = self._wait(waited)
-                return result
-            except KilledWorker:
-                continue
-        return lost(item)
-
     def _wait(self, future: Any) -> Any:
-        from dask.utils import parse_timedelta
+        from concurrent.futures import CancelledError
+
         from distributed import TimeoutError as DaskTimeoutError
         from distributed.comm import CommClosedError
 
-        patience = parse_timedelta("10s")
         while True:
             try:
-                return future.result(timeout=patience)
+                return future.result(timeout=PATIENCE)
             except DaskTimeoutError:
                 self._check_cluster()
+            except CancelledError:
+                self._check_cluster()
+                raise
             except (CommClosedError, OSError) as problem:
-                raise SchedulerError(
-                    f"the Dask scheduler is gone ({problem})",
-                    advice="Start it again and run the same command; the archive is unharmed",
-                ) from problem
+                raise _gone(problem) from problem
 
     def _check_cluster(self) -> None:
-        """Raise `SchedulerError` if nobody is left to finish the work."""
+        """Raise `SchedulerError` if nobody is there to do the work, and nobody comes soon."""
+        if self._client.status != "running":
+            raise _gone("the scheduler does not answer")
         try:
-            alive = self._client.status == "running" and self._client.scheduler_info()["workers"]
-        except OSError:
-            alive = False
-        if not alive:
-            raise SchedulerError(
-                "the Dask scheduler has no workers left",
-                advice="Start workers and run the same command; the archive is unharmed",
-            )
+            self._client.wait_for_workers(1, timeout=PATIENCE)
+        except OSError as problem:  # a time-out is one
+            raise _gone("it has no workers") from problem
+
+
+def _gone(problem: object) -> SchedulerError:
+    return SchedulerError(
+        f"the Dask cluster is gone ({problem})",
+        advice="Start it again and run the same command; the archive is unharmed",
+    )
 
 
 @contextmanager
@@ -159,11 +189,13 @@ def executor(workers: int | None = None, scheduler: str | None = None) -> Iterat
     if scheduler is None and count <= 1:
         yield SerialExecutor()
         return
+    from dask import config
     from distributed import Client, LocalCluster
 
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # `SchedulerError` says it
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout="10s", set_as_default=False)
+            client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as problem:
             raise SchedulerError(
                 f"no Dask scheduler at {scheduler} ({problem})",
@@ -173,10 +205,12 @@ def executor(workers: int | None = None, scheduler: str | None = None) -> Iterat
             yield DaskExecutor(client)
         return
     with (
+        config.set({"distributed.scheduler.allowed-failures": 0}),  # `map_ordered` tries again
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,
             dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # not a port that others use
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,

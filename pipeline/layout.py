@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..codec.errors import DamagedError
 from .commit import Commit
 from .ledger import Ledger, Row, ledger_path, read_ledger
 
@@ -15,10 +16,13 @@ def index_path(archive: Path, name: str) -> Path:
 
 def read_ledgers(archive: Path, commit: Commit) -> dict[int, Ledger]:
     """Return the ledgers of all published jobs by generation. Raises `DamagedError`."""
-    return {
-        job.generation: read_ledger(ledger_path(archive, job.generation), job.ledger)
-        for job in commit.jobs
-    }
+    ledgers = {}
+    for job in commit.jobs:
+        path = ledger_path(archive, job.generation)
+        ledgers[job.generation] = read_ledger(path, job.ledger)
+        if len(ledgers[job.generation].rows) != job.clips:
+            raise DamagedError(f"does not have the {job.clips} clips of its job", file=path)
+    return ledgers
 
 
 def current_rows(ledgers: dict[int, Ledger]) -> dict[str, tuple[Row, int]]:

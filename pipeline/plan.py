@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from ..codec.errors import UsageError
+from ..codec.formats.units import parse_units
 from ..codec.segments import SegmentRules
 from .clustering import ClusterRules
 from .discover import Source
@@ -21,7 +22,7 @@ class Settings:
 
     ``tolerance``: largest error of every clip, centimetres. ``units``: length unit to assume
     for all files (None: as each file says, or estimated). ``seed``: of the random choices
-    that clustering by average error makes.
+    that clustering by average error makes. Raises `UsageError`.
     """
 
     tolerance: float = 0.1
@@ -36,6 +37,10 @@ class Settings:
                 f"a tolerance of {self.tolerance:g} cm cannot be kept",
                 advice="Choose from 0.001mm to 10m",
             )
+        if self.units is not None:
+            parse_units(self.units)
+        if not 0 <= self.seed < 1 << 32:
+            raise UsageError(f"a seed of {self.seed}", advice="Choose from 0 to 4294967295")
 
     def to_record(self) -> dict[str, Any]:
         """Return the settings as JSON-serialisable values."""

@@ -11,7 +11,7 @@ from ..codec.errors import DamagedError, MotifoldError
 from ..codec.formats.files import clip_bytes, default_format
 from .archive import Archive
 from .durable import write_whole
-from .executors import Executor
+from .executors import Executor, map_batches
 from .ledger import Failure
 
 BATCH_CLIPS = 16
@@ -44,11 +44,10 @@ def restore_clips(
     """
     batches = [names[i : i + BATCH_CLIPS] for i in range(0, len(names), BATCH_CLIPS)]
     total = Restored()
-    results = engine.map_ordered(
-        _restore_batch, batches, archive, str(out), tier, format, lost=_lost
-    )
     done = 0
-    for batch, result in zip(batches, results, strict=True):
+    for batch, result in map_batches(
+        engine, _restore_batch, batches, archive, str(out), tier, format, lost=_lost
+    ):
         total.files.update(result.files)
         total.bytes += result.bytes
         total.failures += result.failures
@@ -72,26 +71,19 @@ def _restore_batch(
         except MotifoldError as problem:
             done.failures.append(Failure(name, str(problem)))
             continue
-        except OSError as problem:
-            done.failures.append(Failure(name, f"cannot be written ({problem})"))
-            continue
         done.files[name] = str(path)
         done.bytes += len(data)
     return done
 
 
 def _target(archive: Archive, name: str, out: Path, format: str) -> Path:
-    """Return where a clip goes; clips that differ only in suffix keep theirs in the name."""
+    """Return where a clip goes; clips that would meet keep their suffix in the name."""
     inside = PurePosixPath(name)
     if inside.is_absolute() or ".." in inside.parts:
         raise DamagedError(f"the clip's name {name!r} leads out of the folder", file=archive.path)
-    target = inside.with_suffix(f".{format}")
-    twins = [
-        other
-        for other in archive.rows
-        if other != name and PurePosixPath(other).with_suffix("") == inside.with_suffix("")
-    ]
-    return out / (inside.with_name(f"{inside.name}.{format}") if twins else target)
+    stem = str(inside.with_suffix(""))
+    alone = len(archive.stems[stem]) == 1 and stem not in archive
+    return out / f"{stem if alone else name}.{format}"
 
 
 def _lost(names: Sequence[str]) -> Restored:

@@ -13,14 +13,15 @@ from typing import Any
 
 from ..codec.bodyparts import PartsFile
 from ..codec.encode import Encoder
-from ..codec.errors import DamagedError, NotAnArchiveError
+from ..codec.errors import DamagedError
 from ..codec.index_file import unpack
 from ..codec.nearest import NearestPatterns
+from ..codec.patterns import to_centimetres
 from .clustering import Representatives, grow
-from .commit import Commit, Job, publish, read_commit
+from .commit import Commit, Job, publish, read_or_start
 from .discover import discover
-from .durable import digest, folder_bytes, sync_folder, write_whole
-from .executors import Executor, executor
+from .durable import PARTIAL, digest, folder_bytes, sync, write_whole
+from .executors import Executor, executor, map_batches, one_thread
 from .layout import current_rows, index_path, read_ledgers
 from .ledger import Ledger, Row, ledger_path, write_ledger
 from .lock import writer_lock
@@ -88,14 +89,11 @@ class _Job:
         self.rows: list[Row] = []
 
     def run(self) -> Report:
-        try:
-            before = read_commit(self.folder)
-        except NotAnArchiveError:
-            before = Commit()
+        before = read_or_start(self.folder)
         generation = before.generation + 1
         ledgers = read_ledgers(self.folder, before)
         self._sweep(ledgers, generation)
-        store = read_store(self.folder, before)
+        store = read_store(self.folder, before, ledgers)
         known = {
             name: row.source
             for name, (row, made) in current_rows(ledgers).items()
@@ -144,6 +142,8 @@ class _Job:
         for path in (self.folder / "clips").glob("*/*"):
             if path not in published:
                 path.unlink()
+        for path in (*self.folder.glob(PARTIAL), *self.folder.glob(f"ledger/{PARTIAL}")):
+            path.unlink()
 
     def _cluster(self, batches: list[tuple[Prepared, ...]], store: Store) -> None:
         """Segment in parallel, then let each family's patterns grow, a round at a time."""
@@ -155,7 +155,8 @@ class _Job:
         clips = sum(len(batch) for batch in batches)
         gathered: dict[tuple[str, int], list[Representatives]] = {}
         waiting = done = 0
-        results = self.engine.map_ordered(
+        for batch, result in map_batches(
+            self.engine,
             segment_batch,
             batches,
             store.families,
@@ -163,8 +164,7 @@ class _Job:
             self.settings.segments,
             self.settings.units,
             lost=_lost_segments,
-        )
-        for batch, result in zip(batches, results, strict=True):
+        ):
             self.report.failures += result.failures
             for item in batch:
                 made = result.clips.get(item.source.name, [])
@@ -186,7 +186,8 @@ class _Job:
         radii: dict[str, float],
     ) -> None:
         for (key, part), groups in sorted(gathered.items(), key=lambda entry: entry[0]):
-            new = grow(searchers.of(key, part), groups, radii[key], self.settings.clusters)
+            searcher, settings = searchers.of(key, part), self.settings
+            new = one_thread(grow, searcher, groups, radii[key], settings.clusters, settings.seed)
             store.add_patterns(key, part, new)
 
     def _encode(
@@ -215,10 +216,9 @@ class _Job:
             if (kept := tuple(item for item in batch if item.source.name not in failed))
         ]
         clips, done, error_sum = sum(map(len, batches)), 0, 0.0
-        results = self.engine.map_ordered(
-            encode_batch, batches, encoders, settings.units, lost=_lost_encoded
-        )
-        for batch, result in zip(batches, results, strict=True):
+        for batch, result in map_batches(
+            self.engine, encode_batch, batches, encoders, settings.units, lost=_lost_encoded
+        ):
             report.failures += result.failures
             numbers = {item.source.name: item.rig_number for item in batch}
             for encoded in result.clips:
@@ -275,8 +275,9 @@ class _Job:
         job = Job(
             generation, write_ledger(path, ledger), len(self.rows), len(store.rigs), store.counts()
         )
-        for folder in sorted({p.parent for p in self.folder.rglob("*") if p.is_file()}):
-            sync_folder(folder)
+        for folder in (self.folder / "ledger", self.folder / "clips", *self.folder.glob("clips/*")):
+            if folder.is_dir():
+                sync(folder)
         publish(self.folder, Commit((*before.jobs, job)))
 
 
@@ -289,14 +290,14 @@ class _Searchers:
 
     def of(self, key: str, part: int) -> NearestPatterns:
         if (key, part) not in self._made:
-            points = self._store.codebook(key).centimetres[part]
+            points = to_centimetres(self._store.patterns[key][part])
             self._made[key, part] = NearestPatterns(points)
         return self._made[key, part]
 
 
-def _lost_segments(batch: tuple[Prepared, ...]) -> Segmented:
+def _lost_segments(batch: Sequence[Prepared]) -> Segmented:
     return Segmented(failures=lost_failures(item.source.name for item in batch))
 
 
-def _lost_encoded(batch: tuple[Prepared, ...]) -> EncodedBatch:
+def _lost_encoded(batch: Sequence[Prepared]) -> EncodedBatch:
     return EncodedBatch(failures=lost_failures(item.source.name for item in batch))

@@ -27,7 +27,8 @@ from ..codec.errors import DamagedError
 from ..codec.patterns import Codebook, no_patterns
 from ..codec.rig import Family, Rig
 from .commit import Commit
-from .durable import digest
+from .durable import digest, sync, writing
+from .ledger import Ledger
 
 NAME = "store.zarr"
 _CHUNK = 1 << 14  # patterns, or bytes of records
@@ -81,11 +82,18 @@ class Store:
         return Codebook(self.families[key], tuple(parts))
 
 
-def read_store(archive: Path, commit: Commit) -> Store:
-    """Return the store of an archive as of ``commit``. Raises `DamagedError`."""
+def read_store(archive: Path, commit: Commit, ledgers: Mapping[int, Ledger]) -> Store:
+    """Return the store of an archive as of ``commit``, checked against its ledgers.
+
+    Zarr gives zeros for files that are missing, and the patterns' bytes carry no checksums, so
+    nothing is read whose digest is not the published one. Raises `DamagedError`.
+    """
     store = Store()
     for job in commit.jobs:
         path = archive / NAME / f"{job.generation:06d}"
+        wrong = check_generation(archive, job.generation, ledgers[job.generation].store)
+        if wrong:
+            raise DamagedError(wrong[0], advice="Restore it from a copy")
         try:
             group = zarr.open_group(path, mode="r", use_consolidated=False)
             _read_generation(store, group)
@@ -107,7 +115,6 @@ def write_generation(
     known_rigs = before.jobs[-1].rigs if before.jobs else 0
     known = before.jobs[-1].patterns if before.jobs else {}
     path = archive / NAME / f"{generation:06d}"
-    group = zarr.create_group(path, overwrite=True)
     records = {
         "rigs": [rig.to_record() for rig in store.rigs[known_rigs:]],
         "families": [
@@ -115,13 +122,17 @@ def write_generation(
         ],
     }
     text = json.dumps(records, separators=(",", ":")).encode()
-    _write(group, "records", np.frombuffer(text, np.uint8))
-    for key, parts in store.patterns.items():
-        for number, patterns in enumerate(parts):
-            new = patterns[known[key][number] if key in known else 0 :]
-            if len(new):
-                name = f"{key}/{number:02d}"
-                _write(group, name, np.ascontiguousarray(np.moveaxis(new, 0, -1)))
+    with writing(path):
+        group = zarr.create_group(path, overwrite=True)
+        _write(group, "records", np.frombuffer(text, np.uint8))
+        for key, parts in store.patterns.items():
+            for number, patterns in enumerate(parts):
+                new = patterns[known[key][number] if key in known else 0 :]
+                if len(new):
+                    name = f"{key}/{number:02d}"
+                    _write(group, name, np.ascontiguousarray(np.moveaxis(new, 0, -1)))
+        for written in (path.parent, path, *path.rglob("*")):
+            sync(written)  # Zarr does not
     return _digests(path)
 
 

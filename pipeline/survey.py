@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from ..codec.bodyparts import BodyPart, PartsFile
 from ..codec.rig import Rig, found_family
 from .discover import Source
-from .executors import Executor
+from .executors import Executor, map_batches
 from .ledger import Failure
 from .plan import Plan
 from .store import Store
@@ -38,11 +38,10 @@ def survey_clips(
     ``progress`` gets clips done and clips in all.
     """
     found = SurveyedLibrary()
-    results = engine.map_ordered(
-        survey_batch, plan.batches, plan.settings.units, overrides, known, lost=_lost
-    )
     done = 0
-    for batch, result in zip(plan.batches, results, strict=True):
+    for batch, result in map_batches(
+        engine, survey_batch, plan.batches, plan.settings.units, overrides, known, lost=_lost
+    ):
         found.failures += result.failures
         found.unchanged += result.unchanged
         found.clips.update((clip.name, clip) for clip in result.clips)
@@ -97,5 +96,5 @@ def _settled(
     return store.add_rig(rig) if number is None else number
 
 
-def _lost(batch: tuple[Source, ...]) -> Surveyed:
+def _lost(batch: Sequence[Source]) -> Surveyed:
     return Surveyed(failures=lost_failures(source.name for source in batch))

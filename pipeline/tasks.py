@@ -243,7 +243,8 @@ def _reason(problem: MotifoldError) -> str:
         part for part in (Path(problem.file).name if problem.file else None, problem.place) if part
     )
     text = f"{where}: {problem.problem}" if where else problem.problem
-    return f"{text}. {problem.advice}" if problem.advice else text
+    text = f"{text}. {problem.advice}" if problem.advice else text
+    return text.replace(str(Path(problem.file).parent), "its folder") if problem.file else text
 
 
 def _parts(clip: Clip, overrides: PartsFile | None) -> tuple[BodyPart, ...]:

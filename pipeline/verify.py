@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..codec.encode import measure
-from ..codec.errors import DamagedError, MotifoldError
-from ..codec.formats.files import read_clip
+from ..codec.errors import DamagedError, InputError, MotifoldError
+from ..codec.formats.files import read_clip, source_bytes
 from .archive import Archive, ArchivedClip
 from .durable import digest
-from .executors import Executor
+from .executors import Executor, map_batches
 from .layout import index_path
 from .store import check_generation
 
@@ -45,19 +45,21 @@ def verify_archive(
 ) -> Verified:
     """Check every file of an archive against what was published; return what was found.
 
-    Always: ledgers, store files and index files are there, whole and consistent, and every
-    certificate is inside the tolerance of its job. ``decode``: every clip is decoded.
-    ``library``: the folder that was archived; every clip is compared with its source, and
-    its true error with its certificate.
+    Always: ledgers, store files and index files, of older versions too, are there, whole and
+    consistent, and every certificate is inside the tolerance of its job. ``decode``: every clip
+    is decoded. ``library``: the folder that was archived; every clip is compared with its
+    source, and its true error with its certificate.
     """
     found = Verified()
     for generation, ledger in archive.ledgers.items():
         found.problems += check_generation(archive.path, generation, ledger.store)
+    found.problems += _superseded(archive)
     names = list(archive)
     batches = [names[i : i + BATCH_CLIPS] for i in range(0, len(names), BATCH_CLIPS)]
-    folder = None if library is None else str(library)
-    results = engine.map_ordered(_verify_batch, batches, archive, decode, folder, lost=_lost)
-    for batch, result in zip(batches, results, strict=True):
+    folder = None if library is None else str(Path(library).absolute())
+    for batch, result in map_batches(
+        engine, _verify_batch, batches, archive, decode, folder, lost=_lost
+    ):
         found.clips += len(batch)
         found.decoded += result.decoded
         found.measured += result.measured
@@ -73,6 +75,22 @@ def verify_archive(
     present = set((archive.path / "clips").glob("*/*"))
     found.orphans = len(present - needed)
     return found
+
+
+def _superseded(archive: Archive) -> list[str]:
+    """Return what is wrong with index files that newer versions of their clips replaced."""
+    current = {row.index for row, _ in archive.rows.values()}
+    old = {row.index: row.name for ledger in archive.ledgers.values() for row in ledger.rows}
+    wrong = []
+    for index in sorted(old.keys() - current):
+        path = index_path(archive.path, index)
+        try:
+            whole = digest(path.read_bytes()) == index
+        except OSError:
+            whole = False
+        if not whole:
+            wrong.append(f"{path} is damaged or missing (an older version of {old[index]})")
+    return wrong
 
 
 def _verify_batch(
@@ -100,9 +118,10 @@ def _verify_clip(clip: ArchivedClip, decode: bool, library: str | None, found: V
         if library is not None:
             units = clip.archive.ledgers[clip.generation].settings["units"]
             source = Path(library)
-            original = read_clip(source if source.is_file() else source / clip.name, units)
-            if original.frames != decoded.frames:
-                raise DamagedError(f"the source has {original.frames} frames, not {clip.frames}")
+            path = source if source.is_file() else source / clip.name
+            if digest(source_bytes(path)) != clip.row.source:
+                raise InputError("has changed since it was archived", file=path)
+            original = read_clip(path, units)
             measured = measure(original, decoded).maximum
             found.measured += 1
             if measured > worst * (1 + 1e-6):

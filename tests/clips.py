@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
 from motifold.codec.bodyparts import BodyPart
 from motifold.codec.clip import Clip, FloatArray, Layout, MarkerClip, Skeleton, SkeletonClip
 from motifold.codec.encode import Encoder
@@ -18,8 +20,8 @@ from motifold.codec.patterns import Codebook, to_coefficients
 from motifold.codec.rig import Family, Rig, bone_means, found_family, rig_of
 from motifold.codec.segments import SegmentRules, clip_segments
 from motifold.codec.signals import relative_rotations
-from scipy.spatial.transform import Rotation
 
+RULES = SegmentRules()
 POSITIONS = ("Xposition", "Yposition", "Zposition")
 MOTIONS = ("smooth", "noise", "still", "spin", "teleport", "creep")
 TREES = ("tree", "chain", "star")
@@ -54,6 +56,27 @@ def recipes(most_joints: int = 30, most_frames: int = 60) -> st.SearchStrategy[R
         stretchy=st.sampled_from([0.0, 0.3, 1.0]),
         rate=st.sampled_from([10.0, 30.0, 120.0, 240.0]),
     )
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What a random marker clip is made from; see `marker_bench`."""
+
+    seed: int
+    markers: int
+    frames: int
+    gaps: float
+    motion: str
+
+
+MARKS = st.builds(
+    Marks,
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 20),
+    st.integers(0, 60),
+    st.sampled_from([0.0, 0.3, 0.9]),
+    st.sampled_from(MOTIONS),
+)
 
 
 def skeleton_of(recipe: Recipe) -> Skeleton:
@@ -187,24 +210,30 @@ class Bench:
     clip: Clip
     rig: Rig
     codebook: Codebook
+    rules: SegmentRules = RULES
 
     def encoder(self, tolerance: float = 0.1, radius: float = 8.0) -> Encoder:
         """Return an encoder of generation 3."""
-        return Encoder(self.codebook, 3, tolerance, radius, SegmentRules())
+        return Encoder(self.codebook, 3, tolerance, radius, self.rules)
 
 
-def bench(clip: Clip, parts: tuple[BodyPart, ...], patterns: bool = False) -> Bench:
+def bench(
+    clip: Clip,
+    parts: tuple[BodyPart, ...],
+    patterns: bool = False,
+    rules: SegmentRules = RULES,
+) -> Bench:
     """Return the bench of a clip; with ``patterns`` its own segments are the patterns."""
     rig = rig_of(clip, parts)
     codebook = Codebook.empty(family_of(clip, rig))
     if patterns:
-        own = clip_segments(clip, codebook.family, SegmentRules())
+        own = clip_segments(clip, codebook.family, rules)
         tables = [
             table if segments is None else to_coefficients(segments.points)
             for table, segments in zip(codebook.patterns, own, strict=True)
         ]
         codebook = replace(codebook, patterns=tuple(tables))
-    return Bench(clip, rig, codebook)
+    return Bench(clip, rig, codebook, rules)
 
 
 def skeleton_bench(recipe: Recipe, patterns: bool = False) -> Bench:
@@ -224,3 +253,12 @@ def marker_bench(
     """Return the bench of a random marker clip under random body parts."""
     clip = marker_clip(seed, markers, frames, gaps, motion)
     return bench(clip, random_parts(seed, markers, first_at_root=False), patterns)
+
+
+def bench_of(recipe: Recipe | Marks, patterns: bool) -> Bench:
+    """Return the bench of a recipe of either kind."""
+    if isinstance(recipe, Recipe):
+        return skeleton_bench(recipe, patterns)
+    return marker_bench(
+        recipe.seed, recipe.markers, recipe.frames, recipe.gaps, recipe.motion, patterns
+    )

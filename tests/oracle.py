@@ -169,3 +169,10 @@ def marker_error(original: Any, decoded: Any) -> Floats:
         away = decoded.positions[seen, marker] - original.positions[seen, marker]
         out[seen, marker] = np.linalg.norm(away, axis=1)
     return out
+
+
+def clip_error(original: Any, decoded: Any) -> Floats:
+    """Return the errors (frames, joints + end sites or markers) of two clips, centimetres."""
+    if hasattr(original, "positions"):
+        return marker_error(original, decoded)
+    return shell_error(of_clip(original), of_clip(decoded))

@@ -1,11 +1,12 @@
 """The ``motifold`` command: one subcommand a file, imported only when it runs.
 
 Exit codes: 0 done; 1 a bug of motifold (with a traceback); 2 wrong use, or an archive that
-cannot be used; 3 done, but some inputs failed.
+cannot be used; 3 done, but some inputs failed; 130 interrupted.
 """
 
 from __future__ import annotations
 
+import io
 import sys
 from enum import IntEnum
 
@@ -22,6 +23,7 @@ class Exit(IntEnum):
     BUG = 1
     WRONG_USE = 2
     SOME_FAILED = 3
+    INTERRUPTED = 130
 
 
 app = typer.Typer(
@@ -57,11 +59,15 @@ def _version(
 
 def main() -> None:
     """Run the command line; motifold's own errors become one line and an exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # file names need not be text
+            stream.reconfigure(errors="surrogateescape")
     try:
         app()
     except MotifoldError as problem:
         print(f"motifold: {problem}", file=sys.stderr)
         sys.exit(Exit.WRONG_USE)
-    except KeyboardInterrupt:
-        print("motifold: interrupted; the archive is as it was", file=sys.stderr)
-        sys.exit(130)
+    except SystemExit as ended:
+        if ended.code == Exit.INTERRUPTED:  # typer's answer to Ctrl-C
+            print("motifold: interrupted; the archive is as it was", file=sys.stderr)
+        raise

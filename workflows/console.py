@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 
 def show_table(rows: Sequence[Sequence[str]], *, header: bool = False) -> None:
-    """Print rows in aligned columns: the first to the left, numbers to the right.
+    """Print rows in aligned columns: the first one and text to the left, numbers to the right.
 
     With ``header`` the first row is one: a line is drawn below it.
     """
@@ -19,8 +19,8 @@ def show_table(rows: Sequence[Sequence[str]], *, header: bool = False) -> None:
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     for number, row in enumerate(rows):
         cells = [
-            cell.rjust(width) if _numeric(cell) else cell.ljust(width)
-            for cell, width in zip(row, widths, strict=True)
+            cell.rjust(width) if column and _numeric(cell) else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
         print("  ".join(cells).rstrip())
         if header and number == 0:
@@ -39,12 +39,13 @@ def show_json(record: Any) -> None:
 class ProgressLine:
     """One line on the terminal that says how far a job is, and how fast.
 
-    Silent when the stream is no terminal, so that logs stay readable.
+    On standard error if no stream is named; silent when that is no terminal, so that logs stay
+    readable.
     """
 
-    def __init__(self, stream: TextIO = sys.stderr) -> None:
-        self._stream = stream
-        self._shown = stream.isatty()
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._shown = self._stream.isatty()
         self._stage = ""
         self._start = self._last = 0.0
 

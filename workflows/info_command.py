@@ -26,8 +26,12 @@ def info(
 
     with Archive(archive) as opened:
         if clip is not None:
-            for name in opened.find(clip):
-                _show_clip(clip_record(opened[name]), json)
+            records = [clip_record(opened[name]) for name in opened.find(clip)]
+            if json:
+                show_json(records if len(records) > 1 else records[0])
+                return
+            for record in records:
+                _show_clip(record)
         elif clips:
             _show_clips(opened, json)
         else:
@@ -137,10 +141,7 @@ def _show_archive(record: dict[str, Any], json: bool) -> None:
             print(f"failed in job {job['generation']}: {name}: {reason}")
 
 
-def _show_clip(record: dict[str, Any], json: bool) -> None:
-    if json:
-        show_json(record)
-        return
+def _show_clip(record: dict[str, Any]) -> None:
     certificate = record["certificate_cm"]
     rate = 1.0 / record["frame_time"]
     show_table(

@@ -33,12 +33,15 @@ def show_length(centimetres: float) -> str:
 
 def show_bytes(count: int) -> str:
     """Return a size for people, in decimal units."""
+    if count < 1000:
+        return f"{count} B"
     size = float(count)
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 1000.0:
-            return f"{count} B" if unit == "B" else f"{size:.3g} {unit}"
+    for unit in ("kB", "MB", "GB"):
         size /= 1000.0
-    return f"{size:.3g} TB"
+        if size < 999.5:  # what three digits can hold
+            return f"{size:.3g} {unit}"
+    size /= 1000.0
+    return f"{size:.3g} TB" if size < 999.5 else f"{size:,.0f} TB"
 
 
 def show_duration(seconds: float) -> str:
@@ -47,7 +50,8 @@ def show_duration(seconds: float) -> str:
         return f"{seconds:.3g} s"
     if seconds < 7200.0:
         return f"{seconds / 60:.3g} min"
-    return f"{seconds / 3600:.3g} h"
+    hours = seconds / 3600
+    return f"{hours:.3g} h" if hours < 999.5 else f"{hours:,.0f} h"
 
 
 def show_ratio(before: int, after: int) -> str:
