@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Container, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -52,35 +52,65 @@ def decode(
     rest (markers: NaN).
     Raises `DamagedError` where the layers contradict themselves, `UsageError` for unknown parts.
     """
-    family = codebook.family
-    coded = len(index.preview) + len(index.residual or b"")
-    root_channels = 3 * len(family.parts[0].joints)
-    check_room(index.frames, root_channels, coded)
-    preview, root_left = read_preview(
-        index.preview, rig, codebook, index.frames, most_frames(rig.frame_time)
-    )
-    step = step_of(index.step_code)
+    preview, root_left = _opened(index, rig, codebook)
     wanted = _with_ancestors(codebook, rig.skeleton, parts)
+    step = step_of(index.step_code)
     if tier == "preview":
-        starts = part_starts(preview, family.parts[0].joints, root_left.shape[1])
-        root = unpredicted(root_left, None, None, starts, preview.orders[0])
-        return _previewed(rig, codebook, preview, root, step, wanted)
+        root = codebook.family.parts[0]
+        starts = part_starts(preview, root.joints, root_left.shape[1])
+        path = unpredicted(root_left, None, None, starts, preview.orders[0])
+        return _previewed(rig, codebook, preview, path, step, wanted)
+    integers = _integers(index, codebook, preview, root_left, wanted)
+    return assemble(rig, codebook, preview, integers, step)
+
+
+def decode_integers(index: IndexFile, rig: Rig, codebook: Codebook) -> list[IntArray]:
+    """Return the integers (frames, channels) of every part: what the file says, exactly.
+
+    The same on every machine, whatever its sines and matrix products. Raises `DamagedError`.
+    """
+    preview, root_left = _opened(index, rig, codebook)
+    wanted = range(len(codebook.family.parts))
+    found = _integers(index, codebook, preview, root_left, wanted)
+    return [values for values in found if values is not None]
+
+
+def _opened(index: IndexFile, rig: Rig, codebook: Codebook) -> tuple[Preview, IntArray]:
+    """Return the preview layer, and the prediction residual of the root part's integers."""
+    channels = 3 * len(codebook.family.parts[0].joints)
+    check_room(index.frames, channels, _coded_bytes(index))
+    longest = most_frames(rig.frame_time)
+    return read_preview(index.preview, rig, codebook, index.frames, longest)
+
+
+def _integers(
+    index: IndexFile,
+    codebook: Codebook,
+    preview: Preview,
+    root_left: IntArray,
+    wanted: Container[int],
+) -> list[IntArray | None]:
+    """Return the integers of the ``wanted`` parts, None for the others."""
     if index.residual is None:
         raise UsageError("only the preview layer was read", advice="Read the whole index file")
     channels = group_channels(codebook, preview.frame)
-    check_room(index.frames, sum(channels), coded)
+    check_room(index.frames, sum(channels), _coded_bytes(index))
     lefts = [root_left, *read_rest(index.residual, index.frames, channels[1:])]
+    step = step_of(index.step_code)
     integers: list[IntArray | None] = []
-    for number, (part, left) in enumerate(zip(family.parts, lefts, strict=True)):
+    for number, (part, left) in enumerate(zip(codebook.family.parts, lefts, strict=True)):
         if number not in wanted:
             integers.append(None)
             continue
         starts = part_starts(preview, part.joints, left.shape[1])
         course = grid_course(codebook, preview, number, step)
-        integers.append(
-            unpredicted(left, course, preview.parts[number], starts, preview.orders[number])
-        )
-    return assemble(rig, codebook, preview, integers, step)
+        index_of_part, order = preview.parts[number], preview.orders[number]
+        integers.append(unpredicted(left, course, index_of_part, starts, order))
+    return integers
+
+
+def _coded_bytes(index: IndexFile) -> int:
+    return len(index.preview) + len(index.residual or b"")
 
 
 def grid_course(codebook: Codebook, preview: Preview, number: int, step: float) -> IntArray | None:

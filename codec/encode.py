@@ -8,17 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from .clip import BoolArray, Clip, FloatArray, IntArray, MarkerClip, SkeletonClip
-from .conform import conformed
 from .decode import decode, pattern_course
-from .errors import GuaranteeError, UnsupportedError
-from .gaps import filled
+from .errors import GuaranteeError
 from .index_file import IndexFile, float32_above, pack, unpack
-from .kinematics import world_positions, world_rotations
 from .layers import (
     ORDERS,
     PartIndex,
     Preview,
-    can_slide,
     part_starts,
     predicted,
     write_preview,
@@ -27,9 +23,7 @@ from .layers import (
 from .metrics import (
     Errors,
     clip_errors,
-    frame_blocks,
     marker_errors,
-    shell_errors,
     summarise,
 )
 from .nearest import NearestPatterns
@@ -37,15 +31,8 @@ from .patterns import Codebook
 from .quantiser import code_below, step_of
 from .rig import Rig
 from .segments import SegmentRules, Segments, clip_segments, most_frames
-from .signals import (
-    Frame,
-    choose_bases,
-    dequantise_markers,
-    quantise_markers,
-    quantise_skeleton,
-)
+from .subject import Subject, check_size
 
-STILL_SHARE = 0.1  # of the tolerance: a translation that varies less is taken as the rest offset
 FIRST_GUESS = 0.55  # step over tolerance that mostly ends just inside
 CLOSE_ENOUGH = 0.96  # of the tolerance: the search for a larger step stops there
 TRIALS = 8
@@ -65,7 +52,7 @@ def measure(original: Clip, decoded: Clip) -> Errors:
     """Return the errors of a decoded clip, over joints, end sites and frames, centimetres."""
     if isinstance(original, MarkerClip):
         assert isinstance(decoded, MarkerClip)
-        return summarise(marker_errors(original, decoded))
+        return summarise(marker_errors(original, decoded)[original.seen])
     assert isinstance(decoded, SkeletonClip)
     return summarise(clip_errors(original, decoded))
 
@@ -102,114 +89,17 @@ class Encoder:
         `GuaranteeError` if no quantiser step brings the clip inside, `UnsupportedError` for
         positions that no tolerance can be kept for.
         """
-        _check_size(clip)
+        check_size(clip)
         segments = clip_segments(clip, self.codebook.family, self.rules)
         index = tuple(
             None if part is None else _indexed(part, searcher, self.radius)
             for part, searcher in zip(segments, self.searchers, strict=True)
         )
-        subject = _Subject.of(clip, rig, self.codebook, index, self.tolerance)
+        subject = Subject.of(clip, rig, self.codebook, index, self.tolerance)
         code = _search_step(subject, self.tolerance)
         data = _packed(subject, rig_number, self.generation, code, self.tolerance)
         used = tuple(np.zeros(0, np.int64) if part is None else part.patterns for part in index)
         return Encoded(data, unpack(data).certificate, used)
-
-
-@dataclass(frozen=True, eq=False)
-class _Subject:
-    """The clip under the encoder's knife: everything that does not depend on the step."""
-
-    clip: Clip
-    rig: Rig
-    codebook: Codebook
-    preview: Preview  # orders and the use of patterns are still open
-    world: FloatArray  # (frames, joints, 3, 3) world rotations; of markers: empty
-    positions: FloatArray  # (frames, joints, 3) world positions; of markers: with gaps filled
-
-    @classmethod
-    def of(
-        cls,
-        clip: Clip,
-        rig: Rig,
-        codebook: Codebook,
-        index: tuple[PartIndex | None, ...],
-        tolerance: float,
-    ) -> _Subject:
-        orders = tuple(2 for _ in codebook.family.parts)
-        if isinstance(clip, MarkerClip):
-            preview = Preview(None, clip.seen, index, orders)
-            return cls(clip, rig, codebook, preview, np.zeros(0), filled(clip.positions))
-        world = world_rotations(clip.skeleton, clip.rotations)
-        positions = world_positions(clip.skeleton, world, clip.translations)
-        sliding = _sliding(clip, rig, world, positions, tolerance)
-        frame = Frame(choose_bases(codebook.family, world), sliding)
-        return cls(clip, rig, codebook, Preview(frame, None, index, orders), world, positions)
-
-    def quantised(self, step: float) -> tuple[list[IntArray], float]:
-        """Return every part's integers at a quantiser step, and the largest error, centimetres."""
-        family, skeleton = self.codebook.family, self.rig.skeleton
-        if self.preview.frame is None:
-            integers = quantise_markers(family, self.positions, step)
-            back = dequantise_markers(family, [*integers], skeleton.joints, step)
-            square = np.square(back - self.positions).sum(axis=2)
-            seen = self.preview.seen
-            assert seen is not None
-            return integers, float(np.sqrt(square[seen].max(initial=0.0)))
-        blocks = [self._block_quantised(step, at) for at in frame_blocks(self.clip.frames)]
-        parts = zip(*(integers for integers, _ in blocks), strict=True)
-        return [np.concatenate(part) for part in parts], max(error for _, error in blocks)
-
-    def _block_quantised(self, step: float, block: slice) -> tuple[list[IntArray], float]:
-        """Return the integers and the largest error of a skeleton clip's frames ``block``."""
-        assert isinstance(self.clip, SkeletonClip)
-        assert self.preview.frame is not None
-        skeleton = self.rig.skeleton
-        integers, world, shifts = quantise_skeleton(
-            self.codebook.family,
-            replace(self.preview.frame, bases=self.preview.frame.bases[block]),
-            skeleton.offsets,
-            self.world[block],
-            self.clip.translations[block],
-            step,
-        )
-        world = conformed(skeleton, self.rig.layout, world)
-        positions = world_positions(skeleton, world, shifts)
-        errors = shell_errors(skeleton, self.world[block], self.positions[block], world, positions)
-        return integers, float(errors.max(initial=0.0))
-
-
-def _sliding(
-    clip: SkeletonClip, rig: Rig, world: FloatArray, positions: FloatArray, tolerance: float
-) -> tuple[int, ...]:
-    """Return the joints whose translation is coded: those that leave their rest offset."""
-    offsets = rig.skeleton.offsets
-    moved = np.abs(clip.translations - offsets).max(axis=(0, 2), initial=0.0)
-    still = min(STILL_SHARE * tolerance, 0.02)
-    candidates = can_slide(rig)
-    sliding = [joint for joint in candidates if moved[joint] > still]
-    if 2.0 * sum(moved[joint] for joint in candidates if moved[joint] <= still) < tolerance:
-        return tuple(sliding)
-    # what is neglected adds up along a chain of joints; past the tolerance no step mends it
-    kept = np.broadcast_to(offsets, clip.translations.shape).copy()
-    kept[:, sliding] = clip.translations[:, sliding]
-    missed = np.square(world_positions(clip.skeleton, world, kept) - positions).sum(axis=2)
-    if missed.max(initial=0.0) >= tolerance * tolerance:
-        still /= rig.skeleton.joints
-    return tuple(joint for joint in candidates if moved[joint] > still)
-
-
-def _check_size(clip: Clip) -> None:
-    if isinstance(clip, MarkerClip):
-        joints, largest = len(clip.names), np.nanmax(np.abs(clip.positions), initial=0.0)
-    else:
-        joints, lengths = clip.skeleton.joints, (clip.translations, clip.skeleton.end_offsets)
-        largest = np.max([np.abs(values).max(initial=0.0) for values in lengths])
-    if not joints:
-        raise UnsupportedError("the clip has no joints or markers", advice="Leave this file out")
-    if not largest < 1e7:
-        raise UnsupportedError(
-            f"positions reach {largest:.3g} cm", advice="Check the file's unit (--units)"
-        )
 
 
 def _indexed(part: Segments, searcher: NearestPatterns, radius: float) -> PartIndex:
@@ -217,7 +107,7 @@ def _indexed(part: Segments, searcher: NearestPatterns, radius: float) -> PartIn
     return PartIndex(part.borders, numbers, np.zeros(len(numbers), bool))
 
 
-def _search_step(subject: _Subject, tolerance: float) -> int:
+def _search_step(subject: Subject, tolerance: float) -> int:
     """Return the code of the largest step found whose error is inside ``tolerance``.
 
     The error is close to proportional to the step, so each trial scales the step by what the
@@ -256,7 +146,7 @@ def _search_step(subject: _Subject, tolerance: float) -> int:
 
 
 def _packed(
-    subject: _Subject, rig_number: int, generation: int, code: int, tolerance: float
+    subject: Subject, rig_number: int, generation: int, code: int, tolerance: float
 ) -> bytes:
     """Return the index file at a step, certified by decoding exactly what is returned."""
     step = step_of(code)
@@ -284,7 +174,7 @@ def _packed(
 
 
 def _choose_predictors(
-    subject: _Subject, integers: list[IntArray], step: float
+    subject: Subject, integers: list[IntArray], step: float
 ) -> tuple[Preview, list[IntArray]]:
     """Return the preview with predictors chosen by cost, and each part's prediction residual."""
     preview = subject.preview
@@ -307,7 +197,7 @@ def _choose_predictors(
 
 
 def _use_patterns(
-    subject: _Subject, number: int, values: IntArray, step: float, order: int, starts: BoolArray
+    subject: Subject, number: int, values: IntArray, step: float, order: int, starts: BoolArray
 ) -> tuple[PartIndex | None, IntArray]:
     """Return a part's index with patterns predicting where that is cheaper, and what is left."""
     index = subject.preview.parts[number]

@@ -17,6 +17,7 @@ import numpy as np
 
 from .bodyparts import BodyPart
 from .clip import Clip, FloatArray, IntArray, Layout, MarkerClip, Skeleton, SkeletonClip
+from .errors import UnsupportedError
 from .kinematics import hanging_joints, levers
 from .rotations import from_quaternions, to_quaternions
 
@@ -102,7 +103,14 @@ class Rig:
 
 
 def rig_of(clip: Clip, parts: tuple[BodyPart, ...]) -> Rig:
-    """Return the rig of a clip whose body parts are ``parts``."""
+    """Return the rig of a clip whose body parts are ``parts``.
+
+    Raises `UnsupportedError` for a frame time that is none.
+    """
+    if not 1e-7 < clip.frame_time < 1e7:
+        raise UnsupportedError(
+            f"a frame time of {clip.frame_time:g} s", advice="Mend the file's frame rate"
+        )
     if isinstance(clip, MarkerClip):
         markers = len(clip.names)
         flat = Skeleton(clip.names, np.full(markers, -1), np.zeros((markers, 3)))

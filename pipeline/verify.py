@@ -53,6 +53,11 @@ def verify_archive(
     found = Verified()
     for generation, ledger in archive.ledgers.items():
         found.problems += check_generation(archive.path, generation, ledger.store)
+    try:
+        _ = archive.store
+    except DamagedError as problem:
+        if not found.problems:
+            found.problems.append(str(problem))
     found.problems += _superseded(archive)
     names = list(archive)
     batches = [names[i : i + BATCH_CLIPS] for i in range(0, len(names), BATCH_CLIPS)]

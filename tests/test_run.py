@@ -182,7 +182,9 @@ def test_a_job_may_be_killed_at_any_moment(quick: HalfAndAll, tmp_path: Path) ->
     archives = [tmp_path / f"killed-{number}" for number in range(len(moments))]
     for archive in archives:
         copied(quick.half, archive)
-    assert run_killed(quick.library, list(zip(archives, moments, strict=True))) == [9] * len(moments)
+    assert run_killed(quick.library, list(zip(archives, moments, strict=True))) == [9] * len(
+        moments
+    )
     published = []
     for archive in archives:
         after = tree(archive)

@@ -1,0 +1,52 @@
+"""Archives of every format version must decode for ever, to the same integers."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+from oracle_files import file_errors
+
+from motifold.codec.decode import decode_integers
+from motifold.pipeline import Archive
+from motifold.pipeline.executors import SerialExecutor
+from motifold.pipeline.restore import restore_clips
+from motifold.pipeline.verify import verify_archive
+
+FIXTURES = Path(__file__).parent / "fixtures"
+VERSIONS = sorted(path.name for path in FIXTURES.glob("v*"))
+
+# Of every clip's integers, in the clips' order. Noted when the version was made.
+INTEGERS = {"v1": "d21c6508b5c5fd86e9caadeb91704e09"}
+
+
+def test_every_version_is_here() -> None:
+    assert sorted(INTEGERS) == VERSIONS
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_integers_are_the_ones_that_were_written(version: str) -> None:
+    found = hashlib.blake2b(digest_size=16)
+    with Archive(FIXTURES / version / "archive") as archive:
+        for clip in archive.values():
+            index = clip.index()
+            codebook = archive.codebook(clip.rig.family_key, index.generation)
+            for part in decode_integers(index, clip.rig, codebook):
+                found.update(part.astype("<i8").tobytes())
+    assert found.hexdigest() == INTEGERS[version]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_sources_come_back_inside_their_certificates(version: str, tmp_path: Path) -> None:
+    library = FIXTURES / version / "library"
+    with Archive(FIXTURES / version / "archive") as archive:
+        engine = SerialExecutor()
+        assert verify_archive(archive, engine=engine, library=library).problems == []
+        restored = restore_clips(archive, list(archive), tmp_path, engine=engine)
+        assert not restored.failures
+        for name, path in restored.files.items():
+            error = file_errors(library / name, Path(path), 1.0).max()
+            certificate = archive[name].certificate
+            assert error <= certificate.maximum + 1e-5, name
+            assert error <= archive[name].tolerance, name

@@ -1,0 +1,103 @@
+"""Quantities as people write and read them."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motifold.codec.errors import UsageError
+from motifold.workflows.quantities import (
+    parse_length,
+    show_bytes,
+    show_duration,
+    show_length,
+    show_ratio,
+)
+
+CENTIMETRES = {"um": 0.0001, "mm": 0.1, "cm": 1.0, "m": 100.0, "in": 2.54}
+
+
+@given(
+    st.floats(1e-6, 1e6),
+    st.sampled_from(list(CENTIMETRES)),
+    st.sampled_from(["", " ", "  "]),
+    st.booleans(),
+)
+def test_a_number_and_a_unit_are_a_length(
+    number: float, unit: str, space: str, upper: bool
+) -> None:
+    text = f"{space}{number}{space}{unit.upper() if upper else unit}{space}"
+    assert parse_length(text) == pytest.approx(number * CENTIMETRES[unit], rel=1e-12)
+
+
+@pytest.mark.parametrize(("text", "value"), [("1mm", 0.1), (".5 cm", 0.5), ("2e-1in", 0.508)])
+def test_examples(text: str, value: float) -> None:
+    assert parse_length(text) == pytest.approx(value)
+
+
+def test_the_borders_of_what_can_be_kept_are_inside() -> None:
+    assert parse_length("0.001mm") == 1e-4
+    assert parse_length("10m") == 1000.0
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1", "mm", "1 furlong", "-1mm", "1,5mm", "1mm2", "nanmm", "infcm", "1 m m", "٣mm"]
+)
+def test_what_is_no_length_is_told_with_an_example(text: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(f"{text!r} is not a length") + ".*such as 1mm"):
+        parse_length(text)
+
+
+@given(st.floats(1e-5, 1e5))
+def test_lengths_are_shown_to_a_part_in_a_thousand(centimetres: float) -> None:
+    shown = show_length(centimetres)
+    assert parse_length(shown) == pytest.approx(centimetres, rel=1e-3)
+    assert shown.endswith(" mm") == (centimetres < 10)
+
+
+@given(st.integers(0, 10**17))
+def test_sizes_are_shown_to_three_digits(count: int) -> None:
+    shown = show_bytes(count)
+    number, unit = shown.split()
+    size = (
+        float(number.replace(",", "")) * {"B": 1, "kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}[unit]
+    )
+    assert size == pytest.approx(count, rel=6e-3)
+    assert "e" not in number
+    assert float(number.replace(",", "")) < 1000 or unit == "TB"
+
+
+@pytest.mark.parametrize(
+    ("count", "shown"),
+    [
+        (0, "0 B"),
+        (999, "999 B"),
+        (1000, "1 kB"),
+        (999_499, "999 kB"),
+        (999_500, "1 MB"),
+        (1_234_567, "1.23 MB"),
+        (10**12, "1 TB"),
+        (5 * 10**15, "5,000 TB"),
+    ],
+)
+def test_sizes(count: int, shown: str) -> None:
+    assert show_bytes(count) == shown
+
+
+@given(st.floats(0, 1e9))
+def test_durations_are_shown_to_three_digits(seconds: float) -> None:
+    number, unit = show_duration(seconds).split()
+    shown = float(number.replace(",", "")) * {"s": 1, "min": 60, "h": 3600}[unit]
+    assert shown == pytest.approx(seconds, rel=6e-3, abs=1e-300)
+    assert "e+" not in number
+
+
+def test_a_ratio_of_nothing_is_not_infinite() -> None:
+    assert show_ratio(300, 100) == "3.00"
+    assert show_ratio(1, 3) == "0.33"
+    assert show_ratio(300, 0) == "-"
+    assert not math.isinf(float(show_ratio(10**15, 1)))
