@@ -23,7 +23,10 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 WINDOW = 4  # batches under way per worker
+_SENDINGS = 5  # tries
 PATIENCE = 10.0  # seconds without news, after which the cluster is looked at
+# Ctrl-C reaches every process of a terminal; this one stops the others in good order
+_DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
 class Executor(Protocol):
@@ -133,12 +136,17 @@ class DaskExecutor:
             yield result
 
     def _send(self, shared: Sequence[Any]) -> list[Any]:
-        self._check_cluster()
-        try:
-            # in a list of one, because a dict would be taken apart and scattered by its keys
-            return [self._client.scatter([one], broadcast=True, hash=False)[0] for one in shared]
-        except OSError as problem:  # a time-out is one
-            raise _gone(problem) from problem
+        for attempt in range(_SENDINGS):
+            self._check_cluster()
+            try:
+                # in a list of one, because a dict would be taken apart and scattered by its keys
+                return [
+                    self._client.scatter([one], broadcast=True, hash=False)[0] for one in shared
+                ]
+            except OSError as problem:  # a worker went while it was sent to; a time-out is one too
+                if attempt == _SENDINGS - 1:
+                    raise _gone(problem) from problem
+        raise AssertionError("unreachable")
 
     def _submit(self, function: Callable[..., Result], item: Item, sent: list[Any]) -> Any:
         return self._client.submit(one_thread, function, item, *sent, pure=False)
@@ -211,6 +219,7 @@ def executor(workers: int | None = None, scheduler: str | None = None) -> Iterat
             threads_per_worker=1,
             dashboard_address=None,
             scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # not a port that others use
+            preload=[_DEAF],
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,

@@ -15,7 +15,7 @@ UNITS = {"m": 100.0, "cm": 1.0, "mm": 0.1}
 
 
 def file_errors(source: Path, restored: Path, centimetres: float) -> Floats:
-    """Return the errors (frames, joints + end sites) or (frames, markers), centimetres.
+    """Return the shell errors, or displacements of markers seen, of all frames, centimetres.
 
     ``centimetres`` is the length of a BVH file's unit, which no BVH file tells; every other
     format does. AMC comes back as BVH in centimetres, C3D as TRC. AssertionError where the
@@ -24,9 +24,10 @@ def file_errors(source: Path, restored: Path, centimetres: float) -> Floats:
     if source.suffix.lower() in (".c3d", ".trc"):
         (names, before), (same, after) = read_markers(source), read_markers(restored)
         assert names == same, f"markers differ: {sorted(set(names) ^ set(same))}"
-        return marker_error(SimpleNamespace(positions=before), SimpleNamespace(positions=after))
+        errors = marker_error(SimpleNamespace(positions=before), SimpleNamespace(positions=after))
+        return errors[~np.isnan(before).any(axis=2)]
     original, decoded = read_pair(source, restored, centimetres)
-    return shell_error(original, decoded)
+    return shell_error(original, decoded).ravel()
 
 
 def joint_distances(original: Motion, decoded: Motion) -> Floats:

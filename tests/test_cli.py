@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -20,22 +21,23 @@ from typer.testing import CliRunner
 
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.verify import Verified
-from motifold.workflows import cli
 from motifold.workflows.cli import app, main
 
+MOTIFOLD = (sys.executable, "-m", "motifold")
 COMMANDS = ("archive", "restore", "verify", "info", "demo")
 # Says on standard error that the first index file is written, and goes slowly from there.
 SLOWLY = """
 import sys, time
 import motifold.pipeline.run as run
+from motifold.workflows.cli import main
 whole = run.write_whole
 def slowly(path, data):
     whole(path, data)
     print("working", file=sys.stderr, flush=True)
     time.sleep(0.3)
 run.write_whole = slowly
-from motifold.workflows.cli import main
-main()
+if __name__ == "__main__":
+    main()
 """
 
 
@@ -122,8 +124,7 @@ def test_workers_of_the_command_write_the_same_bytes(
     small_library: Path, small_archive: Path, tmp_path: Path
 ) -> None:
     out = subprocess.run(
-        [sys.executable, "-m", "motifold", "archive", small_library, tmp_path / "a"]
-        + ["--workers", "2", "--json"],
+        [*MOTIFOLD, "archive", small_library, tmp_path / "a", "--workers", "2", "--json"],
         capture_output=True,
         text=True,
         check=False,
@@ -158,8 +159,7 @@ def test_options_reach_the_job(small_library: Path, tmp_path: Path) -> None:
 
 def test_bad_files_are_listed_and_the_code_is_3(odd_library: Path, tmp_path: Path) -> None:
     out = subprocess.run(
-        [sys.executable, "-m", "motifold", "archive", odd_library, tmp_path / "a"]
-        + ["--workers", "0"],
+        [*MOTIFOLD, "archive", odd_library, tmp_path / "a", "--workers", "0"],
         capture_output=True,
         check=False,
         env={**os.environ, "LC_ALL": "C.UTF-8"},
@@ -185,7 +185,7 @@ def test_info_of_an_archive(small_archive: Path, odd_archive: Path) -> None:
     assert [job["tolerance_cm"] for job in record["jobs"]] == [0.1]
     code, out = ran("info", small_archive)
     assert code == 0
-    assert f"clips                   {CLIPS}" in out
+    assert re.search(rf"^clips +{CLIPS}$", out, re.MULTILINE)
     code, out = ran("info", odd_archive)
     assert code == 0
     assert sum(line.startswith("failed in job 1: bad/") for line in out.splitlines()) == len(BAD)
@@ -208,15 +208,14 @@ def test_info_of_clips(odd_archive: Path) -> None:
 
 
 def test_names_that_are_no_text_can_be_printed(odd_archive: Path, tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "motifold"]
     env = {**os.environ, "LC_ALL": "C.UTF-8"}
     raw = os.fsencode(STRANGE_NAME)
     out = subprocess.run(
-        [*words, "info", odd_archive, "--clips"], capture_output=True, check=True, env=env
+        [*MOTIFOLD, "info", odd_archive, "--clips"], capture_output=True, check=True, env=env
     )
     assert raw in out.stdout
     lost = subprocess.run(
-        [*words, "info", odd_archive, b"x" + raw], capture_output=True, check=False, env=env
+        [*MOTIFOLD, "info", odd_archive, b"x" + raw], capture_output=True, check=False, env=env
     )
     assert lost.returncode == 2
     assert lost.stderr.count(b"\n") == 1
@@ -299,7 +298,7 @@ WRONG = [
     (["archive", "{library}", "{new}", "--cluster-bound", "x"], "unknown cluster bound"),
     (["archive", "{library}", "{new}", "--cluster-radius", "nan"], "cluster radius"),
     (["archive", "{library}", "{new}", "--parts", "{nowhere}"], "parts file"),
-    (["archive", "{library}", "{library}"], "is no archive"),
+    (["archive", "{library}", "{library}", "--workers", "0"], "is no archive"),
     (["archive", "{library}", "{file}", "--workers", "0"], "cannot be written"),
     (["restore", "{nowhere}", "--out", "{new}"], "no motifold archive"),
     (["restore", "{archive}", "nobody", "--out", "{new}"], "no clip 'nobody'"),
@@ -346,7 +345,7 @@ def test_wrong_use_is_one_line_and_code_2(
 )
 def test_a_command_line_that_makes_no_sense_ends_with_2(words: list[str]) -> None:
     code, _ = ran(*words)
-    assert code == cli.Exit.WRONG_USE == 2
+    assert code == 2
 
 
 def test_a_second_writer_is_refused(
@@ -377,29 +376,32 @@ def test_a_bug_shows_its_traceback(
         main()
 
 
-@pytest.mark.parametrize("signals", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    ("sent", "workers"), [(signal.SIGINT, 0), (signal.SIGINT, 2), (signal.SIGKILL, 0)]
+)
 def test_an_interrupted_job_leaves_the_archive_as_it_was(
-    tmp_path: Path, signals: signal.Signals
+    tmp_path: Path, sent: signal.Signals, workers: int
 ) -> None:
     library, archive = tmp_path / "l", tmp_path / "a"
     names = write_clips(library, short_specs(4))
     assert ran("archive", library, archive, "--include", names[0], "--workers", 0)[0] == 0
     before = tree(archive)
     job = subprocess.Popen(
-        [sys.executable, "-c", SLOWLY, "archive", library, archive, "--workers", "0"],
+        [sys.executable, "-c", SLOWLY, "archive", library, archive, "--workers", str(workers)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        start_new_session=True,
     )
     assert job.stderr is not None
     assert job.stderr.readline() == "working\n"
-    job.send_signal(signals)
+    os.killpg(job.pid, sent)  # as a terminal does
     out, err = job.communicate(timeout=30)
     assert out == ""
     after = tree(archive)
     assert before.items() <= after.items()
     assert after["COMMIT.json"] == before["COMMIT.json"]
-    if signals == signal.SIGINT:
+    if sent == signal.SIGINT:
         assert job.returncode == 130
         said_last = [line for line in err.splitlines() if line != "working"]
         assert said_last == ["motifold: interrupted; the archive is as it was"]

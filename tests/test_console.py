@@ -5,15 +5,15 @@ from __future__ import annotations
 import io
 import json
 import sys
+import time
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from motifold.workflows import console
 from motifold.workflows.console import ProgressLine, show_json, show_table
 
-cells = st.text(st.characters(codec="ascii", exclude_categories=("Cc",)), max_size=9)
+cells = st.text(st.characters(codec="ascii", exclude_categories=["Cc"]), max_size=9)
 tables = st.integers(1, 4).flatmap(
     lambda width: st.lists(st.lists(cells, min_size=width, max_size=width), max_size=5)
 )
@@ -80,7 +80,7 @@ def test_progress_is_silent_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) 
 
 def test_progress_says_how_far_and_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
-    monkeypatch.setattr(console.time, "monotonic", lambda: now)
+    monkeypatch.setattr(time, "monotonic", lambda: now)
     terminal = Terminal()
     line = ProgressLine(terminal)
     line.update("encode", 0, 40)
@@ -98,7 +98,7 @@ def test_progress_says_how_far_and_leaves_no_trace(monkeypatch: pytest.MonkeyPat
 
 def test_each_stage_has_a_clock_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter([0.0, 100.0, 101.0])
-    monkeypatch.setattr(console.time, "monotonic", lambda: next(times))
+    monkeypatch.setattr(time, "monotonic", lambda: next(times))
     terminal = Terminal()
     line = ProgressLine(terminal)
     line.update("survey", 0, 8)

@@ -24,6 +24,7 @@ from motifold.pipeline.commit import read_commit
 from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.lock import NAME as LOCK
 from motifold.pipeline.plan import Settings
+from motifold.pipeline.report import Progress, Report
 from motifold.pipeline.run import archive_library
 from motifold.pipeline.verify import verify_archive
 
@@ -130,7 +131,7 @@ def test_every_clip_is_inside_the_tolerance_and_counted(
 
 
 def test_the_report_adds_up(small_library: Path, tmp_path: Path) -> None:
-    seen: list[run.Progress] = []
+    seen: list[Progress] = []
     report = archive_library(small_library, tmp_path / "a", workers=0, progress=seen.append)
     assert report.clips == CLIPS
     assert report.unchanged == 0
@@ -227,8 +228,8 @@ def test_growing_touches_nothing_that_is_there(grown: HalfAndAll) -> None:
         ]
         assert whole.store.rigs[len(half.store.rigs) :], "the second half has rigs of its own"
         for key, parts in half.store.patterns.items():
-            for old, new in zip(parts, whole.store.patterns[key], strict=True):
-                np.testing.assert_array_equal(old, new[: len(old)])
+            for fewer, more in zip(parts, whole.store.patterns[key], strict=True):
+                np.testing.assert_array_equal(fewer, more[: len(fewer)])
 
 
 def test_the_store_saves_what_a_second_half_needs(grown: HalfAndAll) -> None:
@@ -287,7 +288,7 @@ def test_a_tighter_tolerance_archives_again_and_a_looser_one_does_not(
     archive = copied(grown.half, tmp_path / "a")
     globs = grown.first[:2]
 
-    def again(tolerance: float) -> run.Report:
+    def again(tolerance: float) -> Report:
         settings = Settings(tolerance=tolerance)
         return archive_library(grown.library, archive, settings, include=globs, workers=0)
 

@@ -93,7 +93,7 @@ def test_a_bug_of_ours_costs_one_clip(
 ) -> None:
     items, codebook = prepared(trio)
     broken = items[1].source
-    real = tasks.read_clip
+    real = read_clip
 
     def read(path: str, units: str | None) -> Any:
         if path == broken.path:
