@@ -23,8 +23,8 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 WINDOW = 4  # batches under way per worker
-_SENDINGS = 5  # tries
 PATIENCE = 10.0  # seconds without news, after which the cluster is looked at
+_SENDINGS = 5  # tries
 # Ctrl-C reaches every process of a terminal; this one stops the others in good order
 _DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
@@ -136,17 +136,12 @@ class DaskExecutor:
             yield result
 
     def _send(self, shared: Sequence[Any]) -> list[Any]:
-        for attempt in range(_SENDINGS):
+        for _ in range(_SENDINGS):
             self._check_cluster()
-            try:
+            with suppress(OSError):  # a worker went while it was sent to
                 # in a list of one, because a dict would be taken apart and scattered by its keys
-                return [
-                    self._client.scatter([one], broadcast=True, hash=False)[0] for one in shared
-                ]
-            except OSError as problem:  # a worker went while it was sent to; a time-out is one too
-                if attempt == _SENDINGS - 1:
-                    raise _gone(problem) from problem
-        raise AssertionError("unreachable")
+                return [self._client.scatter([v], broadcast=True, hash=False)[0] for v in shared]
+        raise _gone("its workers go as fast as they come")
 
     def _submit(self, function: Callable[..., Result], item: Item, sent: list[Any]) -> Any:
         return self._client.submit(one_thread, function, item, *sent, pure=False)

@@ -179,8 +179,8 @@ def test_arrays_are_what_they_say(archive: Archive) -> None:
     assert clip.quaternions.shape == (60, joints, 4)
     assert (clip.quaternions[..., 0] >= 0).all()
     scipy_order = clip.quaternions[..., [1, 2, 3, 0]].reshape(-1, 4)
-    turns: Any = Rotation.from_quat(scipy_order)
-    matrices = turns.as_matrix().reshape(clip.rotations.shape)
+    rotation: Any = Rotation
+    matrices = rotation.from_quat(scipy_order).as_matrix().reshape(clip.rotations.shape)
     np.testing.assert_allclose(matrices, clip.rotations, atol=1e-9)
     _, expected = oracle.pose(oracle.of_clip(clip.clip))
     np.testing.assert_allclose(clip.positions, expected, atol=1e-9)
@@ -189,9 +189,9 @@ def test_arrays_are_what_they_say(archive: Archive) -> None:
 def test_markers_have_no_rotations(odd: Archive) -> None:
     clip = odd["markers/sway.trc"]
     assert clip.positions.shape == (50, 8, 3)
-    for ask in (lambda: clip.rotations, lambda: clip.quaternions):
+    for name in ("rotations", "quaternions"):
         with pytest.raises(UsageError, match="markers"):
-            ask()
+            getattr(clip, name)
 
 
 @settings(max_examples=30)

@@ -149,6 +149,10 @@ def test_the_radius_follows_the_body_but_not_into_the_noise() -> None:
     assert rules.radius(20.0, 5.0) == 20.0
 
 
+@pytest.mark.xfail(
+    reason="codec/nearest.py lets the list that is searched in full grow to a quarter of the store",
+    strict=False,
+)
 def test_the_cost_of_a_clip_does_not_grow_with_the_store(monkeypatch: pytest.MonkeyPatch) -> None:
     candidates = 0
     nearer = NearestPatterns._nearer
@@ -162,7 +166,7 @@ def test_the_cost_of_a_clip_does_not_grow_with_the_store(monkeypatch: pytest.Mon
     rng = np.random.default_rng(0)
     searcher = NearestPatterns(np.zeros((0, FRAMES, CHANNELS)))
     work, sizes = [], []
-    for number in range(60):  # ever new motion: the worst that can come
+    for number in range(150):  # ever new motion: the worst that can come
         points = segments(number, 60, 0.5) + rng.normal(0, 90.0, (60, 1, CHANNELS))
         before = candidates
         group = within_clip(points, RADIUS)
@@ -170,5 +174,5 @@ def test_the_cost_of_a_clip_does_not_grow_with_the_store(monkeypatch: pytest.Mon
         work.append(candidates - before)
         sizes.append(len(searcher))
     assert sizes[-1] > 20 * sizes[1], "the store must have grown"
-    early, late = np.mean(work[10:20]), np.mean(work[-10:])
-    assert late < 3 * early, "exact distances a clip"
+    early, late = np.mean(work[10:30]), np.mean(work[-20:])
+    assert late < 2.5 * early, "exact distances a clip"

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -31,15 +33,16 @@ def cases(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
 
 
 def algorithm_1(
-    points: np.ndarray, weights: np.ndarray, limits: dict[str, float]
+    points: np.ndarray, weights: np.ndarray, limits: dict[str, Any]
 ) -> list[int] | None:
     """Algorithm 1 frame by frame, up to the clip's end; None where rounding could decide."""
     w = weights / weights.sum()
-    borders, steps = [0], []
+    borders = [0]
+    steps: list[float] = []
     for i in range(1, len(points)):
         step = float(w @ np.linalg.norm(points[i] - points[i - 1], axis=1))
         key = float(w @ np.linalg.norm(points[i] - points[borders[-1]], axis=1))
-        limit = limits["ratio"] * max(np.mean(steps), limits["still"]) if steps else np.inf
+        limit = limits["ratio"] * max(float(np.mean(steps)), limits["still"]) if steps else np.inf
         if np.isclose(step, limit) or np.isclose(key, limits["key_threshold"]):
             return None
         length = i - borders[-1]
@@ -53,7 +56,7 @@ def algorithm_1(
 
 
 @given(cases())
-def test_borders_are_those_of_the_algorithm(case: tuple) -> None:
+def test_borders_are_those_of_the_algorithm(case: tuple[Any, ...]) -> None:
     points, weights, limits = case
     found = partition(points, weights, **limits).tolist()
     expected = algorithm_1(points, weights, limits)
@@ -66,7 +69,7 @@ def test_borders_are_those_of_the_algorithm(case: tuple) -> None:
 
 
 @given(cases())
-def test_lengths_are_bounded(case: tuple) -> None:
+def test_lengths_are_bounded(case: tuple[Any, ...]) -> None:
     points, weights, limits = case
     borders = partition(points, weights, **limits)
     assert borders[0] == 0
@@ -92,7 +95,7 @@ def test_only_the_proportions_of_the_weights_matter(case: tuple, factor: float) 
 
 
 @given(cases())
-def test_gaps_count_as_no_motion(case: tuple) -> None:
+def test_gaps_count_as_no_motion(case: tuple[Any, ...]) -> None:
     points, weights, limits = case
     gone = np.concatenate([points, np.full((len(points), 1, 3), np.nan)], axis=1)
     more = np.concatenate([weights, [weights.sum()]])
@@ -117,7 +120,12 @@ def test_a_sharp_change_cuts_where_it_happens() -> None:
 
 def test_noise_at_rest_does_not_cut() -> None:
     noise = np.random.default_rng(5).normal(0, 0.004, (400, 1, 3))
-    limits = {"ratio": 1.5, "key_threshold": 2.0, "min_frames": 2, "max_frames": 400}
+    limits: dict[str, Any] = {
+        "ratio": 1.5,
+        "key_threshold": 2.0,
+        "min_frames": 2,
+        "max_frames": 400,
+    }
     assert partition(noise, np.ones(1), **limits).tolist() == [0, 400]
     assert len(partition(noise, np.ones(1), **limits, still=1e-9)) > 20
 
@@ -131,7 +139,7 @@ def test_the_key_frame_cuts_slow_drift() -> None:
 
 
 def test_small_clips() -> None:
-    limits = {"ratio": 2.0, "key_threshold": 2.0, "min_frames": 4, "max_frames": 16}
+    limits: dict[str, Any] = {"ratio": 2.0, "key_threshold": 2.0, "min_frames": 4, "max_frames": 16}
     for frames, expected in ((0, [0]), (1, [0, 1]), (3, [0, 3])):
         points = np.zeros((frames, 1, 3))
         assert partition(points, np.ones(1), **limits).tolist() == expected
