@@ -83,7 +83,7 @@ def test_lengths_are_bounded(case: tuple[Any, ...]) -> None:
 
 
 @given(cases(), st.floats(0.25, 16))
-def test_only_the_proportions_of_the_weights_matter(case: tuple, factor: float) -> None:
+def test_only_the_proportions_of_the_weights_matter(case: tuple[Any, ...], factor: float) -> None:
     points, weights, limits = case
     even = np.ones(len(weights))
     once = partition(points, even, **limits)
