@@ -149,18 +149,19 @@ class DaskExecutor:
     def _wait(self, future: Any) -> Any:
         from concurrent.futures import CancelledError
 
-        from distributed import TimeoutError as DaskTimeoutError
-        from distributed.comm import CommClosedError
-
         while True:
             try:
                 return future.result(timeout=PATIENCE)
-            except DaskTimeoutError:
-                self._check_cluster()
             except CancelledError:
                 self._check_cluster()
                 raise
-            except (CommClosedError, OSError) as problem:
+            except TimeoutError:
+                if future.status == "error":  # the task's own
+                    raise
+                self._check_cluster()
+            except OSError as problem:
+                if future.status == "error":
+                    raise
                 raise _gone(problem) from problem
 
     def _check_cluster(self) -> None:

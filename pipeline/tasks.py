@@ -18,6 +18,7 @@ from ..codec.bodysize import head_diagonal, marker_head_diagonal
 from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, SkeletonClip
 from ..codec.encode import Encoder
 from ..codec.errors import MotifoldError
+from ..codec.formats.channels import rotation_order
 from ..codec.formats.files import read_clip, source_bytes
 from ..codec.kinematics import world_rotations
 from ..codec.markerparts import marker_parts
@@ -264,11 +265,13 @@ def _mean_orientations(clip: SkeletonClip, parts: tuple[BodyPart, ...]) -> Float
 
 
 def _varying_numbers(clip: SkeletonClip) -> int:
-    """Return how many numbers of the clip lie in channels that vary at all."""
-    turning = clip.skeleton.joints * 3
-    if clip.frames:
-        still = np.abs(clip.rotations - clip.rotations[:1]).max(axis=(0, 2, 3)) < 1e-9
-        turning -= 3 * int(still.sum())
-        spread = np.ptp(clip.translations, axis=0).max(axis=1)
-        turning += 3 * int((spread > 0.02).sum())
-    return turning * clip.frames
+    """Return how many numbers of the source file lie in channels of joints that move."""
+    if not clip.frames:
+        return 0
+    turning = np.abs(clip.rotations - clip.rotations[:1]).max(axis=(0, 2, 3)) > 1e-9
+    sliding = np.ptp(clip.translations, axis=0).max(axis=1) > 0.02
+    count = 0
+    for joint, names in enumerate(clip.layout.channels):
+        turns = len(rotation_order(names))
+        count += turns * bool(turning[joint]) + (len(names) - turns) * bool(sliding[joint])
+    return count * clip.frames

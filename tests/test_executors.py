@@ -88,6 +88,10 @@ def refuse(number: int) -> int:
     return number
 
 
+def fail(kind: type[Exception]) -> None:
+    raise kind("the task's own")
+
+
 def threads(_: int) -> list[int]:
     return [int(pool["num_threads"]) for pool in threadpool_info()]
 
@@ -129,6 +133,14 @@ def test_errors_come_through_with_what_they_say(engine: Executor) -> None:
     with pytest.raises(FormatError, match=r"a\.bvh, line 2: torn") as caught:
         next(results)
     assert caught.value.place == "line 2"
+
+
+@pytest.mark.parametrize("kind", [TimeoutError, PermissionError, ValueError])
+def test_a_task_s_own_error_is_not_taken_for_the_cluster_s(
+    engine: Executor, kind: type[Exception]
+) -> None:
+    with pytest.raises(kind, match="the task's own"):
+        list(engine.map_ordered(fail, [kind], lost=never))
 
 
 def test_linear_algebra_has_one_thread(engine: Executor) -> None:
