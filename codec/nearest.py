@@ -7,6 +7,8 @@ k-d tree gives for a radius misses nothing, and the exact distances decide.
 
 from __future__ import annotations
 
+from math import isqrt
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -28,8 +30,9 @@ def slow_coordinates(points: FloatArray) -> FloatArray:
 class NearestPatterns:
     """Points in pattern space that can be searched and added to; never renumbered.
 
-    Added points wait in a short list that is searched in full, until it is a quarter of the
-    tree, which is then built anew: the cost per added point stays about constant.
+    Added points wait in a short list that is searched in full, until it has four times the
+    root of the tree's size; then the tree is built anew. Both costs per added point grow with
+    the root of the store at the most.
     """
 
     def __init__(self, points: FloatArray) -> None:
@@ -50,7 +53,7 @@ class NearestPatterns:
     def add(self, point: FloatArray) -> int:
         """Add a point (16, channels); return its number."""
         self._pending.append(point)
-        if len(self._pending) >= max(_PENDING_LEAST, len(self._points) // 4):
+        if len(self._pending) >= max(_PENDING_LEAST, 4 * isqrt(len(self._points))):
             self._build()
         return len(self) - 1
 

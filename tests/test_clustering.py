@@ -149,10 +149,6 @@ def test_the_radius_follows_the_body_but_not_into_the_noise() -> None:
     assert rules.radius(20.0, 5.0) == 20.0
 
 
-@pytest.mark.xfail(
-    reason="codec/nearest.py lets the list that is searched in full grow to a quarter of the store",
-    strict=False,
-)
 def test_the_cost_of_a_clip_does_not_grow_with_the_store(monkeypatch: pytest.MonkeyPatch) -> None:
     candidates = 0
     nearer = NearestPatterns._nearer
