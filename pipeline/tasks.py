@@ -15,7 +15,7 @@ import numpy as np
 
 from ..codec.bodyparts import BodyPart, PartsFile, body_parts
 from ..codec.bodysize import head_diagonal, marker_head_diagonal
-from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, SkeletonClip
+from ..codec.clip import Clip, FloatArray, Layout, MarkerClip, Repair, SkeletonClip
 from ..codec.encode import Encoder
 from ..codec.errors import MotifoldError
 from ..codec.formats.channels import rotation_order
@@ -271,7 +271,14 @@ def _varying_numbers(clip: SkeletonClip) -> int:
     turning = np.abs(clip.rotations - clip.rotations[:1]).max(axis=(0, 2, 3)) > 1e-9
     sliding = np.ptp(clip.translations, axis=0).max(axis=1) > 0.02
     count = 0
-    for joint, names in enumerate(clip.layout.channels):
-        turns = len(rotation_order(names))
-        count += turns * bool(turning[joint]) + (len(names) - turns) * bool(sliding[joint])
+    for joint, (turns, slides) in enumerate(_channel_counts(clip.layout)):
+        count += turns * bool(turning[joint]) + slides * bool(sliding[joint])
     return count * clip.frames
+
+
+def _channel_counts(layout: Layout) -> list[tuple[int, int]]:
+    """Return how many numbers of rotation and of translation each joint has in the source."""
+    if dofs := layout.detail("dofs"):  # AMC: channels are those of the BVH that it comes back as
+        return [(part.count("r"), part.count("t")) for part in dofs.split(";")]
+    turns = [len(rotation_order(names)) for names in layout.channels]
+    return [(own, len(names) - own) for own, names in zip(turns, layout.channels, strict=True)]

@@ -79,6 +79,7 @@ def _parse(data: bytes, rig: AsfRig, given: tuple[str, float] | None) -> Skeleto
         rate = DEFAULT_RATE
         repairs.append(Repair("AMC files tell no frame time: 1/120 s assumed"))
     channels = ((*POSITIONS, *_ROTATIONS), *[_ROTATIONS] * (rig.skeleton.joints - 1))
+    dofs = ";".join(" ".join(names) for names in rig.dofs)
     return SkeletonClip(
         replace(
             rig.skeleton,
@@ -88,7 +89,7 @@ def _parse(data: bytes, rig: AsfRig, given: tuple[str, float] | None) -> Skeleto
         1.0 / rate,
         rotations,
         translations * centimetres,
-        Layout("amc", unit, unit_source, centimetres, channels),
+        Layout("amc", unit, unit_source, centimetres, channels, (("dofs", dofs),)),
         tuple(repairs),
     )
 
