@@ -41,25 +41,6 @@ def optimal_partition(frames: FloatArray, segments: int) -> IntArray:
     return borders
 
 
-def penalised_partition(frames: FloatArray, penalty: float) -> IntArray:
-    """Return the borders that minimise WSSSE + ``penalty`` × segments exactly.
-
-    ``frames``: (n, d); ``penalty``: the cost of one more segment, in the unit of WSSSE. The
-    number of segments comes out of it. Time O(n² d), memory O(n d).
-    """
-    n = len(frames)
-    best = np.zeros(n + 1)
-    start = np.zeros(n + 1, dtype=np.int64)
-    for end, diameters in enumerate(_diameters(frames), start=1):
-        totals = best[:end] + diameters
-        start[end] = totals.argmin()
-        best[end] = totals[start[end]] + penalty
-    borders = [n]
-    while borders[-1] > 0:
-        borders.append(int(start[borders[-1]]))
-    return np.array(borders[::-1], dtype=np.int64)
-
-
 def paa(frames: FloatArray, segments: int) -> IntArray:
     """Return the borders (segments + 1,) of segments of equal length, give or take one frame.
 

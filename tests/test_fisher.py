@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from motifold.codec.errors import UsageError
-from motifold.codec.fisher import optimal_partition, paa, penalised_partition, wssse
+from motifold.codec.fisher import optimal_partition, paa, wssse
 
 VALUES = st.floats(-100, 100, width=32)
 
@@ -39,19 +39,6 @@ def test_no_partition_is_better(frames: np.ndarray, data: st.DataObject) -> None
     assert found[-1] == len(frames)
     assert (np.diff(found) >= 1).all()
     assert variance_sum(frames, found) == pytest.approx(best, rel=1e-9, abs=1e-9)
-
-
-@given(signals(8), st.floats(0.01, 1e4))
-def test_no_penalised_partition_is_better(frames: np.ndarray, penalty: float) -> None:
-    n = len(frames)
-    best = min(
-        variance_sum(frames, borders) + penalty * segments
-        for segments in range(1, n + 1)
-        for borders in all_partitions(n, segments)
-    )
-    found = penalised_partition(frames, penalty)
-    cost = variance_sum(frames, found) + penalty * (len(found) - 1)
-    assert cost == pytest.approx(best, rel=1e-9, abs=1e-9)
 
 
 @given(signals(40), st.data())
@@ -87,7 +74,6 @@ def test_steps_are_found_far_from_the_origin(offset: float) -> None:
     noise = np.random.default_rng(1).normal(0, 0.01, steps.shape)
     found = optimal_partition(steps + noise + offset, 4)
     np.testing.assert_array_equal(found, [0, 7, 9, 20, 24])
-    np.testing.assert_array_equal(penalised_partition(steps + noise + offset, 0.5), found)
 
 
 @given(signals(20))
@@ -103,5 +89,4 @@ def test_counts_that_cannot_be() -> None:
                 cut(frames, segments)
     empty = np.zeros((0, 2))
     assert optimal_partition(empty, 0).tolist() == [0]
-    assert penalised_partition(empty, 1.0).tolist() == [0]
     assert paa(empty, 0).tolist() == [0]
