@@ -17,6 +17,7 @@ import numpy as np
 
 from .clip import IntArray
 from .errors import DamagedError, GuaranteeError
+from .sizeclasses import ESCAPE, SYMBOL_LIMIT, class_floors, class_models, class_shifts
 
 CLASSES = 48
 ESCAPE_LIMIT = 60  # symbols beyond ±60 (after their class's shift) are escaped
@@ -123,6 +124,20 @@ class SymbolWriter:
         for value in high[far].tolist():
             self.number(2 * (abs(value) - ESCAPE_LIMIT - 1) + (value < 0))
 
+    def sized(self, values: IntArray, classes: IntArray) -> None:
+        """Write signed numbers (n,), each under the table of its own class of `sizeclasses`."""
+        models, shifts, encode = class_models(), class_shifts(), self._encoder.encode
+        for value, index in zip(values.tolist(), classes.tolist(), strict=True):
+            shift = shifts[index]
+            high = value >> shift
+            if -SYMBOL_LIMIT <= high <= SYMBOL_LIMIT:
+                encode(high + SYMBOL_LIMIT, models[index])
+            else:
+                encode(ESCAPE, models[index])
+                self.number(2 * (abs(high) - SYMBOL_LIMIT - 1) + (high < 0))
+            if shift:
+                self.uniform([value & ((1 << shift) - 1)], 1 << shift)
+
     def to_bytes(self) -> bytes:
         """Return the stream: little-endian 32-bit words without the zero bytes at the end."""
         words = self._encoder.get_compressed()
@@ -189,3 +204,25 @@ class SymbolReader:
             size = (code >> 1) + ESCAPE_LIMIT + 1
             high[position] = -size if code & 1 else size
         return (high << shift) + low
+
+    def sized(self, classes: IntArray) -> IntArray:
+        """Read signed numbers (n,), each of its own class."""
+        models, shifts, floors = class_models(), class_shifts(), class_floors()
+        decode = self._decoder.decode
+        out, spent = [], 0.0
+        try:
+            for index in classes.tolist():
+                high = decode(models[index]) - SYMBOL_LIMIT
+                spent += floors[index]
+                if high == ESCAPE - SYMBOL_LIMIT:
+                    code = self.number()
+                    size = (code >> 1) + SYMBOL_LIMIT + 1
+                    high = -size if code & 1 else size
+                shift = shifts[index]
+                if shift:
+                    high = (high << shift) + int(self._uniform(1, 1 << shift)[0])
+                out.append(high)
+        except AssertionError as problem:  # constriction's way to say "not made by this model"
+            raise DamagedError("the coded stream does not fit its tables") from problem
+        self._charge(spent)
+        return np.array(out, np.int64)

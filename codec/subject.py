@@ -61,7 +61,7 @@ class Subject:
             return cls(clip, rig, codebook, preview, np.zeros(0), filled(clip.positions))
         world = world_rotations(clip.skeleton, clip.rotations)
         positions = world_positions(clip.skeleton, world, clip.translations)
-        sliding = _sliding(clip, rig, world, positions, tolerance)
+        sliding = sliding_joints(clip, rig, world, positions, tolerance)
         frame = Frame(choose_bases(codebook.family, world), sliding)
         return cls(clip, rig, codebook, Preview(frame, None, index, orders), world, positions)
 
@@ -98,7 +98,7 @@ class Subject:
         return integers, float(errors.max(initial=0.0))
 
 
-def _sliding(
+def sliding_joints(
     clip: SkeletonClip, rig: Rig, world: FloatArray, positions: FloatArray, tolerance: float
 ) -> tuple[int, ...]:
     """Return the joints whose translation is coded: those that leave their rest offset."""

@@ -1,0 +1,153 @@
+"""From a clip to the runs of its index file, and back to a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .blockcoder import MOST_FINE
+from .blockcontext import UNIT_BITS
+from .blockwalk import Walk, walk
+from .clip import BoolArray, Clip, FloatArray, IntArray, MarkerClip, SkeletonClip
+from .conform import conformed
+from .fixedpoint import ONE
+from .kinematics import local_rotations
+from .motionmodel import MotionModel
+from .nodes import KIND, PLACE, Nodes
+from .recall import Memory, joined, remember
+from .rig import Family, Rig
+from .rotations import from_quaternions
+from .runstream import Known, Start
+from .startpose import nearest_pose, poses_of, quantise_start, usual_pose
+from .yardstick import Yardstick
+
+RUN_FRAMES = 1024  # longer clips are cut into runs that decode on their own
+STEP_BITS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A decoded clip that others may be predicted from: its moments, and poses to start from."""
+
+    memory: Memory
+    poses: IntArray
+
+
+def reference_of(states: Sequence[IntArray], nodes: Nodes, model: MotionModel) -> Reference:
+    """Return what a clip's decoded runs, (frames, nodes, 4) each, offer to others."""
+    memories = [
+        remember(state, len(state), nodes.table, model.span, model.lags, model.up, model.weights)
+        for state in states
+    ]
+    poses = [poses_of(state, len(state), nodes, model.rows) for state in states]
+    return Reference(
+        joined(memories, model.rows, model.channels),
+        np.concatenate([np.zeros((0, model.rows, 4), np.int64), *poses]),
+    )
+
+
+def known_of(
+    nodes: Nodes, rig: Rig, family: Family, model: MotionModel, references: Sequence[Reference]
+) -> Known:
+    """Return what a clip with these references is coded against."""
+    memory = joined([reference.memory for reference in references], model.rows, model.channels)
+    poses = [usual_pose(rig, family)[None], *(reference.poses for reference in references)]
+    return Known(nodes, model, memory, np.concatenate(poses))
+
+
+def runs_of(frames: int) -> list[tuple[int, int]]:
+    """Return (start, stop) of the runs of a clip."""
+    return [(at, min(at + RUN_FRAMES, frames)) for at in range(0, frames, RUN_FRAMES)]
+
+
+@dataclass(frozen=True, eq=False)
+class CodedRun:
+    """One run at one step: its choices, and what they amount to."""
+
+    start: Start
+    walk: Walk
+
+
+def code_run(
+    known: Known, goal: IntArray, yardstick: Yardstick, step: int, thrift: float, refine: bool
+) -> CodedRun:
+    """Return a run coded at a step, its first pose refined until it is inside its limits."""
+    nodes = known.nodes
+    pose = nearest_pose(goal[0], nodes, known.poses)
+    first = np.zeros((1, nodes.count, 4), np.int64)
+    quantised = np.zeros((nodes.count, 3), np.int64)
+    single = Yardstick(
+        yardstick.world[:1],
+        yardstick.points[:1],
+        yardstick.shape,
+        yardstick.offsets,
+        yardstick.counted[:1],
+        yardstick.joint_limits,
+        yardstick.frame_limits[:1],
+    )
+    fine = 0
+    while True:
+        quantise_start(
+            goal[:1],
+            nodes.table,
+            known.poses[pose],
+            known.poses[0],
+            step,
+            fine,
+            first,
+            quantised,
+        )
+        alone = walk(
+            goal[:1], first, nodes, known.model, known.memory, single, step, thrift, refine
+        )
+        if not refine or alone.largest <= 1.0 or fine >= MOST_FINE:
+            break
+        fine += 1
+    done = walk(goal, first, nodes, known.model, known.memory, yardstick, step, thrift, refine)
+    return CodedRun(Start(pose, fine, quantised), done)
+
+
+def clip_of(rig: Rig, nodes: Nodes, states: Sequence[IntArray], seen: BoolArray | None) -> Clip:
+    """Return the clip of decoded runs; ``seen`` (frames, markers) says where markers have gaps."""
+    empty = np.zeros((0, nodes.count, 4), np.int64)
+    state = np.concatenate([empty, *states])
+    if rig.kind == "markers":
+        order = [nodes.of_joint[True, marker] for marker in range(rig.skeleton.joints)]
+        positions = state[:, order, :3] / float(1 << UNIT_BITS)
+        if seen is not None:
+            positions[~seen] = np.nan
+        return MarkerClip(rig.skeleton.names, rig.frame_time, positions, rig.layout)
+    skeleton = rig.skeleton
+    turns = [nodes.of_joint[False, joint] for joint in range(skeleton.joints)]
+    world = conformed(skeleton, rig.layout, from_quaternions(state[:, turns] / float(ONE)))
+    local = local_rotations(skeleton, world)
+    shifts = np.broadcast_to(skeleton.offsets, (len(state), skeleton.joints, 3)).copy()
+    for node in np.flatnonzero(nodes.table[:, KIND] == PLACE).tolist():
+        joint = int(nodes.table[node, 6])
+        place = state[:, node, :3] / float(1 << UNIT_BITS)
+        shifts[:, joint] = (
+            _local_path(rig, world, shifts, place, joint) if node == nodes.path else place
+        )
+    return SkeletonClip(skeleton, rig.frame_time, local, shifts, rig.layout)
+
+
+def _local_path(
+    rig: Rig, world: FloatArray, shifts: FloatArray, place: FloatArray, joint: int
+) -> FloatArray:
+    """Return the local translation of a joint whose position in the world is ``place``."""
+    parents = rig.skeleton.parents
+    chain = []
+    above = int(parents[joint])
+    while above >= 0:
+        chain.append(above)
+        above = int(parents[above])
+    origin = np.zeros_like(place)
+    for link in reversed(chain):
+        parent = int(parents[link])
+        step = shifts[:, link]
+        origin = origin + (step if parent < 0 else np.einsum("fij,fj->fi", world[:, parent], step))
+    if not chain:
+        return place
+    return np.asarray(np.einsum("fji,fj->fi", world[:, chain[0]], place - origin))

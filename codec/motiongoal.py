@@ -1,0 +1,141 @@
+"""A clip on its way into the codec: whole-number turns and places, and what measures them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .blockcontext import UNIT_BITS
+from .clip import Clip, FloatArray, IntArray, MarkerClip, SkeletonClip
+from .fixedpoint import to_turns
+from .gaps import filled
+from .kinematics import end_positions, world_positions, world_rotations
+from .nodes import JOINT, KIND, PLACE, Nodes, marker_nodes, skeleton_nodes
+from .rig import Family, Rig
+from .rotations import to_quaternions
+from .subject import sliding_joints
+from .yardstick import Yardstick, marker_shape, skeleton_shape
+
+STILL_SHARE = 0.02  # of the tolerance: what a joint may turn (times its lever) and be a follower
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """How far off a decoded clip may be, centimetres.
+
+    ``joints``: (joints + end sites, or markers,); ``frames``: (frames,); the lesser of the two
+    holds for a joint in a frame. ``mean``: what the mean error must not pass, or None.
+    """
+
+    joints: FloatArray
+    frames: FloatArray
+    mean: float | None = None
+
+    @property
+    def least(self) -> float:
+        """The smallest limit of all."""
+        return float(min(self.joints.min(initial=np.inf), self.frames.min(initial=np.inf)))
+
+
+def uniform_limits(clip: Clip, tolerance: float, mean: float | None = None) -> Limits:
+    """Return the same limit for every joint, end site or marker in every frame."""
+    if isinstance(clip, MarkerClip):
+        points = len(clip.names)
+    else:
+        points = clip.skeleton.joints + len(clip.skeleton.end_parents)
+    return Limits(np.full(points, tolerance), np.full(clip.frames, tolerance), mean)
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """What the encoder aims at: ``path`` (frames, nodes, 4) of the clip's nodes.
+
+    ``still`` and ``sliding``: joints, as `nodes.skeleton_nodes` takes them.
+    """
+
+    nodes: Nodes
+    still: tuple[int, ...]
+    sliding: tuple[int, ...]
+    path: IntArray
+    yardstick: Yardstick
+
+    def run(self, start: int, stop: int) -> tuple[IntArray, Yardstick]:
+        """Return the goal and the yardstick of some of the frames."""
+        measure = self.yardstick
+        cut = Yardstick(
+            measure.world[start:stop],
+            measure.points[start:stop],
+            measure.shape,
+            measure.offsets,
+            measure.counted[start:stop],
+            measure.joint_limits,
+            measure.frame_limits[start:stop],
+        )
+        return self.path[start:stop], cut
+
+
+def goal_of(clip: Clip, rig: Rig, family: Family, limits: Limits) -> Goal:
+    """Return what the codec makes of ``clip``; ``limits`` say which motion is worth coding."""
+    if isinstance(clip, MarkerClip):
+        return _marker_goal(clip, family, limits)
+    return _skeleton_goal(clip, rig, family, limits)
+
+
+def _marker_goal(clip: MarkerClip, family: Family, limits: Limits) -> Goal:
+    nodes = marker_nodes(family)
+    positions = filled(clip.positions)
+    shape, offsets = marker_shape(nodes)
+    counted = clip.seen.astype(np.float64)
+    measure = Yardstick(
+        np.zeros((clip.frames, 0, 3, 3)),
+        positions,
+        shape,
+        offsets,
+        counted,
+        limits.joints,
+        limits.frames,
+    )
+    path = np.zeros((clip.frames, nodes.count, 4), np.int64)
+    path[..., :3] = np.rint(positions[:, nodes.table[:, JOINT]] * (1 << UNIT_BITS))
+    return Goal(nodes, (), (), path, measure)
+
+
+def _skeleton_goal(clip: SkeletonClip, rig: Rig, family: Family, limits: Limits) -> Goal:
+    skeleton = clip.skeleton
+    world = world_rotations(skeleton, clip.rotations)
+    positions = world_positions(skeleton, world, clip.translations)
+    tolerance = limits.least if limits.mean is None else min(limits.least, limits.mean)
+    sliding = sliding_joints(clip, rig, world, positions, tolerance)
+    still = _still(clip, family, tolerance)
+    nodes = skeleton_nodes(rig, family, frozenset(still), sliding)
+    shape, offsets = skeleton_shape(skeleton, nodes)
+    points = np.concatenate([positions, end_positions(skeleton, world, positions)], axis=1)
+    measure = Yardstick(
+        world,
+        points,
+        shape,
+        offsets,
+        np.ones(points.shape[:2]),
+        limits.joints,
+        limits.frames,
+    )
+    path = np.zeros((clip.frames, nodes.count, 4), np.int64)
+    turns = to_turns(to_quaternions(world))
+    for node, row in enumerate(nodes.table):
+        joint = int(row[JOINT])
+        if row[KIND] != PLACE:
+            path[:, node] = turns[:, joint]
+            continue
+        place = positions if node == nodes.path else clip.translations
+        path[:, node, :3] = np.rint(place[:, joint] * (1 << UNIT_BITS))
+    return Goal(nodes, still, sliding, path, measure)
+
+
+def _still(clip: SkeletonClip, family: Family, tolerance: float) -> tuple[int, ...]:
+    """Return the joints that hold their angle to their parent through the clip."""
+    if not clip.frames:
+        return ()
+    apart = np.square(clip.rotations - clip.rotations[:1]).sum(axis=(2, 3)).max(axis=0)
+    turned = np.sqrt(apart / 2.0) * family.turn_scale  # chord of the angle, times the lever
+    return tuple(np.flatnonzero(turned <= STILL_SHARE * tolerance).tolist())

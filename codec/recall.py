@@ -1,0 +1,226 @@
+"""Retrieval without side information: what followed in reference clips when it was like now.
+
+Before a node's block is coded, encoder and decoder know its features. They look for the
+moments of the clip's *reference clips* whose features are nearest, and add the mean of what
+the linear prediction missed there to the prediction. No index is sent; the spread of what
+followed says how sure it is, which the entropy coder reads.
+
+The idea is Gu, Peng & Deng's (2009), patterns that repeat across clips, turned round: the
+pattern is found by its context, so that its number need not be coded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .blockcontext import KEYS, describe, key_of, moved_by, turned_by
+from .clip import IntArray
+from .compiled import compiled
+from .fixedpoint import rotated
+from .nodes import AXES, FOLLOWER, KIND, LEVER, PLACE, ROW
+
+NEIGHBOURS = 8
+STRIDE = 2  # frames between remembered moments
+FAR = 32767  # keys of a row that a reference clip does not have
+
+KeyArray = npt.NDArray[np.int16]
+FollowArray = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """The moments of reference clips.
+
+    ``keys``: (rows, moments, 24) what retrieval compares, 1/64 cm; ``follows``: (rows,
+    moments, channels of a block) what linear prediction missed there, 2^-20 cm.
+    """
+
+    keys: KeyArray
+    follows: FollowArray
+
+    @property
+    def moments(self) -> int:
+        """Number of moments."""
+        return int(self.keys.shape[1])
+
+
+def empty_memory(rows: int, channels: int) -> Memory:
+    """Return the memory of a clip without references."""
+    return Memory(np.zeros((rows, 0, KEYS), np.int16), np.zeros((rows, 0, channels), np.int32))
+
+
+def joined(memories: list[Memory], rows: int, channels: int) -> Memory:
+    """Return the moments of several clips, one after the other."""
+    if not memories:
+        return empty_memory(rows, channels)
+    return Memory(
+        np.concatenate([memory.keys for memory in memories], axis=1),
+        np.concatenate([memory.follows for memory in memories], axis=1),
+    )
+
+
+def remember(
+    state: IntArray,
+    frames: int,
+    table: IntArray,
+    span: int,
+    lags: IntArray,
+    up: int,
+    weights: IntArray,
+) -> Memory:
+    """Return the moments of one decoded clip.
+
+    ``state``: (frames or more, nodes, 4); ``weights``: (rows, features, channels) of the
+    linear prediction.
+    """
+    starts = np.arange(1, frames - span + 1, STRIDE)
+    rows, _, channels = weights.shape
+    keys = np.full((rows, len(starts), KEYS), FAR, np.int16)
+    follows = np.zeros((rows, len(starts), channels), np.int32)
+    _remember(state, table, starts, span, lags, up, weights, keys, follows)
+    return Memory(keys, follows)
+
+
+@compiled
+def signals_at(
+    state: IntArray, table: IntArray, node: int, start: int, span: int, out: IntArray
+) -> None:
+    """Write the signals (span, 3) of a node whose frames are known into ``out``."""
+    last = start - 1
+    lever, axes = table[node, LEVER], table[node, AXES]
+    for i in range(span):
+        if table[node, KIND] == PLACE:
+            x, y, z = moved_by(state, node, last, start + i, lever)
+            if axes >= 0:
+                inverse = (
+                    state[last, axes, 0],
+                    -state[last, axes, 1],
+                    -state[last, axes, 2],
+                    -state[last, axes, 3],
+                )
+                x, y, z = rotated(inverse, x, y, z)
+        else:
+            x, y, z = turned_by(state, node, last, start + i, lever)
+        out[i, 0], out[i, 1], out[i, 2] = x, y, z
+
+
+@compiled
+def predict(features: IntArray, weights: IntArray, out: IntArray) -> None:
+    """Write the linear prediction of a block into ``out`` (channels,)."""
+    out[:] = 1 << 11
+    for f in range(len(features)):
+        value = features[f]
+        if value != 0:
+            for c in range(len(out)):
+                out[c] += value * weights[f, c]
+    for c in range(len(out)):
+        out[c] >>= 12
+
+
+@compiled
+def _remember(
+    state: IntArray,
+    table: IntArray,
+    starts: IntArray,
+    span: int,
+    lags: IntArray,
+    up: int,
+    weights: IntArray,
+    keys: KeyArray,
+    follows: FollowArray,
+) -> None:
+    nodes = len(table)
+    features = np.empty(weights.shape[1], np.int64)
+    prediction = np.empty(weights.shape[2], np.int64)
+    key = np.empty(KEYS, np.int64)
+    signals = np.zeros((nodes, span, 3), np.int64)
+    limit = (1 << 31) - 1
+    for moment in range(len(starts)):
+        start = starts[moment]
+        for node in range(nodes):
+            if table[node, KIND] == FOLLOWER:
+                continue
+            row = table[node, ROW]
+            signals_at(state, table, node, start, span, signals[node])
+            describe(state, table, node, start, span, lags, up, signals, features)
+            key_of(features, span, key)
+            predict(features, weights[row], prediction)
+            for k in range(KEYS):
+                keys[row, moment, k] = key[k]
+            for i in range(span):
+                for c in range(3):
+                    missed = signals[node, i, c] - prediction[3 * i + c]
+                    follows[row, moment, 3 * i + c] = min(max(missed, -limit), limit)
+
+
+@compiled
+def recall(
+    key: IntArray, keys: KeyArray, follows: FollowArray, prediction: IntArray
+) -> tuple[int, int, int]:
+    """Add what the nearest moments say to ``prediction``; return how sure they are.
+
+    Returns (mean absolute deviation of what followed, 2^-20 cm; distance to the nearest and to
+    the last neighbour, 1/64 cm). Neighbours weigh 1 / (d² + d_last² / 20).
+    """
+    moments, channels = follows.shape
+    near = np.full(NEIGHBOURS, 1 << 62)
+    which = np.zeros(NEIGHBOURS, np.int64)
+    worst = near[NEIGHBOURS - 1]
+    for m in range(moments):
+        distance = 0
+        for k in range(12):
+            difference = keys[m, k] - key[k]
+            distance += difference * difference
+        if distance >= worst:
+            continue
+        for k in range(12, KEYS):
+            difference = keys[m, k] - key[k]
+            distance += difference * difference
+        if distance >= worst:
+            continue
+        at = NEIGHBOURS - 1
+        while at > 0 and near[at - 1] > distance:
+            near[at], which[at] = near[at - 1], which[at - 1]
+            at -= 1
+        near[at], which[at] = distance, m
+        worst = near[NEIGHBOURS - 1]
+    count = min(moments, NEIGHBOURS)
+    last = near[count - 1] + 1
+    total = 0
+    share = np.empty(NEIGHBOURS, np.int64)
+    for n in range(count):
+        # halved until the product fits
+        far, own = last, near[n]
+        while far > (1 << 40):
+            far >>= 1
+            own >>= 1
+        share[n] = 5120 * far // (20 * own + far)
+        total += share[n]
+    spread = 0
+    for c in range(channels):
+        mean = 0
+        for n in range(count):
+            mean += share[n] * follows[which[n], c]
+        mean //= total
+        deviation = 0
+        for n in range(count):
+            deviation += share[n] * abs(follows[which[n], c] - mean)
+        spread += deviation // total
+        prediction[c] += mean
+    return spread // channels, _root(near[0]), _root(near[count - 1])
+
+
+@compiled
+def _root(value: int) -> int:
+    """Return the whole square root, by Newton's method on whole numbers."""
+    if value < 2:
+        return value
+    root = 1 << 31
+    while True:
+        better = (root + value // root) >> 1
+        if better >= root:
+            return root
+        root = better

@@ -1,0 +1,196 @@
+"""The first pose of a run of frames, against a known pose.
+
+The pose that it is most like among those of the reference clips, or else the family's usual
+one, is laid under it joint by joint, parents first, so that only the difference is coded.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .blockcoder import fine_step
+from .blockcontext import turn_at
+from .clip import FloatArray, IntArray
+from .compiled import compiled
+from .fixedpoint import ONE, Turn, between, log2_of, product, turn_of, unit
+from .motionmodel import MotionModel
+from .nodes import FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, Nodes
+from .quaternionlog import vector_to
+from .rig import CENTRE_SCALE, Family, Rig
+from .sizeclasses import class_of
+
+POSE_STRIDE = 8  # frames between the poses that a reference clip offers
+FOLLOWER_FINE = 12  # quarter octaves
+ANGLE_SHIFT = 12  # 2^28 radians from 2^-20 cm over 1/16 cm a radian
+
+
+def usual_pose(rig: Rig, family: Family) -> IntArray:
+    """Return the usual pose (rows, 4): each joint at its centre, standing at the origin."""
+    skeleton = rig.skeleton
+    rows = np.zeros((2 * skeleton.joints, 4), np.int64)
+    turns: dict[int, tuple[int, int, int, int]] = {}
+    for part in family.parts:
+        above = (ONE, 0, 0, 0)
+        if part.parent >= 0:
+            above = turns[family.parts[part.parent].reference]
+        for joint in part.joints:
+            centre = family.centres[joint].tolist()
+            w, x, y, z = ((value * ONE) // CENTRE_SCALE for value in centre)
+            turns[joint] = product(above, unit(unit((w, x, y, z))))
+    for joint, turn in turns.items():
+        rows[joint] = turn
+        rows[skeleton.joints + joint, :3] = np.rint(skeleton.offsets[joint] * (1 << 20))
+    return rows
+
+
+def poses_of(state: IntArray, frames: int, nodes: Nodes, rows: int) -> IntArray:
+    """Return the poses (poses, rows, 4) that a decoded run offers."""
+    chosen = state[0:frames:POSE_STRIDE]
+    out = np.zeros((len(chosen), rows, 4), np.int64)
+    out[:, nodes.table[:, ROW]] = chosen
+    return out
+
+
+@compiled
+def start_size(step: int, fine: int, kind: int) -> int:
+    """Return the step (2^-24 cm) of a node's first frame.
+
+    A follower's is finer: its error stays through the clip, whatever the blocks do.
+    """
+    return fine_step(step, fine + FOLLOWER_FINE if kind == FOLLOWER else fine)
+
+
+def start_classes(nodes: Nodes, model: MotionModel, pose: int, step: int, fine: int) -> IntArray:
+    """Return the class (nodes, 3) of every number of a first pose."""
+    in_steps = model.starts[nodes.table[:, ROW], int(pose > 0)]
+    sizes = [start_size(step, fine, int(kind)) for kind in nodes.table[:, KIND]]
+    in_steps = in_steps - np.array([[log2_of(size) - (24 << 8)] for size in sizes], np.int64)
+    return np.array([[class_of(value) for value in row] for row in in_steps.tolist()], np.int64)
+
+
+@compiled
+def lay(state: IntArray, node: int, table: IntArray, pose: IntArray, usual: IntArray) -> Turn:
+    """Return where ``pose`` (rows, 4) expects a node, given its guide's decoded first frame."""
+    row, guide = table[node, ROW], table[node, GUIDE]
+    known = pose
+    if table[node, KIND] == PLACE:
+        if not pose[row].any():
+            known = usual
+        if guide >= 0 and table[guide, KIND] == PLACE:
+            other = table[guide, ROW]
+            return (
+                state[0, guide, 0] + known[row, 0] - known[other, 0],
+                state[0, guide, 1] + known[row, 1] - known[other, 1],
+                state[0, guide, 2] + known[row, 2] - known[other, 2],
+                0,
+            )
+        return known[row, 0], known[row, 1], known[row, 2], 0
+    if not pose[row].any() or (guide >= 0 and not pose[table[guide, ROW]].any()):
+        known = usual
+    own = (known[row, 0], known[row, 1], known[row, 2], known[row, 3])
+    if guide < 0:
+        return own
+    other = table[guide, ROW]
+    above = (known[other, 0], known[other, 1], known[other, 2], known[other, 3])
+    now = (state[0, guide, 0], state[0, guide, 1], state[0, guide, 2], state[0, guide, 3])
+    return unit(product(now, between(above, own)))
+
+
+@compiled
+def start_node(
+    state: IntArray,
+    node: int,
+    table: IntArray,
+    pose: IntArray,
+    usual: IntArray,
+    quantised: IntArray,
+    step: int,
+    fine: int,
+) -> None:
+    """Write a node's decoded first frame from its quantised difference (3,)."""
+    expected = lay(state, node, table, pose, usual)
+    lever = table[node, LEVER]
+    size = start_size(step, fine, table[node, KIND])
+    # 2^-24 cm times whole numbers, in 2^-20 cm
+    x = (quantised[0] * size) >> 4
+    y = (quantised[1] * size) >> 4
+    z = (quantised[2] * size) >> 4
+    if table[node, KIND] == PLACE:
+        state[0, node, 0] = expected[0] + (x << 4) // lever
+        state[0, node, 1] = expected[1] + (y << 4) // lever
+        state[0, node, 2] = expected[2] + (z << 4) // lever
+        return
+    turned = turn_of(
+        (x << ANGLE_SHIFT) // lever, (y << ANGLE_SHIFT) // lever, (z << ANGLE_SHIFT) // lever
+    )
+    turn = unit(product(expected, turned))
+    for c in range(4):
+        state[0, node, c] = turn[c]
+
+
+@compiled
+def quantise_start(
+    goal: IntArray,
+    table: IntArray,
+    pose: IntArray,
+    usual: IntArray,
+    step: int,
+    fine: int,
+    state: IntArray,
+    out: IntArray,
+) -> None:
+    """Write the quantised differences (nodes, 3) of ``goal`` (1, nodes, 4), and the state."""
+    for node in range(len(table)):
+        unit_steps = float(start_size(step, fine, table[node, KIND])) / 16.0
+        expected = lay(state, node, table, pose, usual)
+        lever = table[node, LEVER]
+        if table[node, KIND] == PLACE:
+            for c in range(3):
+                off = float(goal[0, node, c] - expected[c]) * lever / 16.0
+                out[node, c] = round(off / unit_steps)
+        else:
+            aim = turn_at(goal, 0, node)
+            guide = table[node, GUIDE]
+            if table[node, KIND] == FOLLOWER and guide >= 0:  # what it holds is the angle
+                held = between(turn_at(goal, 0, guide), aim)
+                aim = product(turn_at(state, 0, guide), held)
+            x, y, z = vector_to(between(expected, aim))
+            scale = lever * float(1 << 16) / unit_steps
+            out[node, 0] = round(x * scale)
+            out[node, 1] = round(y * scale)
+            out[node, 2] = round(z * scale)
+        start_node(state, node, table, pose, usual, out[node], step, fine)
+
+
+def nearest_pose(goal: IntArray, nodes: Nodes, poses: IntArray) -> int:
+    """Return the number of the pose that ``goal`` (nodes, 4) is most like, its heading aside.
+
+    ``poses``: (poses, rows, 4); the first, the usual one, is taken only if there is no other.
+    """
+    if len(poses) == 1:
+        return 0
+    table = nodes.table
+    turns = np.flatnonzero((table[:, KIND] != PLACE) & (table[:, GUIDE] >= 0))
+    if not len(turns):
+        return 1
+    own = _relative(goal[None, turns], goal[None, table[turns, GUIDE]])
+    rows, guides = table[turns, ROW], table[table[turns, GUIDE], ROW]
+    theirs = _relative(poses[1:, rows], poses[1:, guides])
+    off = 1.0 - np.abs((own * theirs).sum(axis=2))
+    return 1 + int((off * np.square(table[turns, LEVER])).sum(axis=1).argmin())
+
+
+def _relative(own: IntArray, above: IntArray) -> FloatArray:
+    """Return quaternions (…, 4) of ``own`` in the axes of ``above``."""
+    a, b = above / ONE * np.array([1, -1, -1, -1]), own / ONE
+    w, x, y, z = (a[..., i] for i in range(4))
+    p, q, r, s = (b[..., i] for i in range(4))
+    return np.stack(
+        [
+            w * p - x * q - y * r - z * s,
+            w * q + x * p + y * s - z * r,
+            w * r - x * s + y * p + z * q,
+            w * s + x * r - y * q + z * p,
+        ],
+        axis=-1,
+    )
