@@ -45,7 +45,7 @@ def pack(index: IndexFile) -> bytes:
     assert index.residual is not None, "a prefix cannot be packed"
     certificate = index.certificate
     fields = (index.rig, index.generation, index.frames, index.step_code, len(index.preview))
-    head = b"".join(_varint(value) for value in fields)
+    head = b"".join(varint(value) for value in fields)
     head += _CERTIFICATE.pack(
         float32_above(certificate.maximum),
         _log_code(certificate.mean),
@@ -76,7 +76,7 @@ def unpack(data: bytes, *, prefix_only: bool = False) -> IndexFile:
     at = _FIXED.size
     fields = []
     for _ in range(5):
-        value, at = _read_varint(data, at)
+        value, at = read_varint(data, at)
         fields.append(value)
     rig, generation, frames, step_code, preview_bytes = fields
     end = at + _CERTIFICATE.size + preview_bytes
@@ -116,7 +116,8 @@ def _from_log_code(code: int) -> float:
     return 0.0 if code == 0 else 2.0 ** (code / 2048.0 - 20.0)
 
 
-def _varint(value: int) -> bytes:
+def varint(value: int) -> bytes:
+    """Return a whole number in seven bits a byte, the lowest first."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
@@ -125,7 +126,8 @@ def _varint(value: int) -> bytes:
     return bytes(out)
 
 
-def _read_varint(data: bytes, at: int) -> tuple[int, int]:
+def read_varint(data: bytes, at: int) -> tuple[int, int]:
+    """Return the number at byte ``at`` and where it ends. Raises `DamagedError`."""
     value = 0
     for shift in range(0, 63, 7):
         if at >= len(data):

@@ -15,7 +15,7 @@ import numpy as np
 from .clip import BoolArray, IntArray
 from .entropy import SymbolReader, SymbolWriter
 from .errors import DamagedError
-from .gaps import from_runs, to_runs
+from .gapstream import read_gaps, write_gaps
 from .patterns import Codebook
 from .prediction import differences, innovations_of, restore, run_starts
 from .residual import read_residual, write_residual
@@ -88,7 +88,7 @@ def write_preview(
         )
         _write_bases(writer, preview.frame.bases)
     if preview.seen is not None:
-        _write_gaps(writer, preview.seen)
+        write_gaps(writer, preview.seen)
     for index, patterns in zip(preview.parts, codebook.patterns, strict=True):
         if index is not None:
             _write_index(writer, index, len(patterns), longest)
@@ -110,7 +110,7 @@ def read_preview(
         sliding = tuple(chosen)
         frame = Frame(_read_bases(reader, frames, rig.skeleton.joints), sliding)
     else:
-        seen = _read_gaps(reader, frames, rig.skeleton.joints)
+        seen = read_gaps(reader, frames, rig.skeleton.joints)
     parts = tuple(
         _read_index(reader, frames, len(patterns), longest) if patterns.shape[2] else None
         for patterns in codebook.patterns
@@ -230,33 +230,6 @@ def _read_bases(reader: SymbolReader, frames: int, joints: int) -> IntArray:
             start = stop
         bases[start:, joint] = chosen[-1]
     return bases
-
-
-def _write_gaps(writer: SymbolWriter, seen: BoolArray) -> None:
-    writer.uniform([int(not seen.all())], 2)
-    if seen.all():
-        return
-    for turns in to_runs(seen):
-        writer.number(len(turns))
-        for gap in np.diff(turns, prepend=0).tolist():
-            writer.number(gap)
-
-
-def _read_gaps(reader: SymbolReader, frames: int, markers: int) -> BoolArray:
-    if not reader.uniform(1, 2)[0]:
-        return np.ones((frames, markers), bool)
-    runs = []
-    for marker in range(markers):
-        count = reader.number()
-        if count > frames:
-            raise DamagedError(f"marker {marker} has more gaps than there are frames")
-        turns = [0]
-        for _ in range(count):
-            turns.append(turns[-1] + reader.number())
-        if turns[-1] >= max(frames, 1):
-            raise DamagedError(f"marker {marker} has a gap after the last frame")
-        runs.append(np.array(turns[1:], np.int64))
-    return from_runs(runs, frames)
 
 
 def _write_index(writer: SymbolWriter, index: PartIndex, known: int, longest: int) -> None:

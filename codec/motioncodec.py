@@ -23,9 +23,6 @@ from .runstream import Known, Start
 from .startpose import nearest_pose, poses_of, quantise_start, usual_pose
 from .yardstick import Yardstick
 
-RUN_FRAMES = 1024  # longer clips are cut into runs that decode on their own
-STEP_BITS = 24
-
 
 @dataclass(frozen=True, eq=False)
 class Reference:
@@ -55,11 +52,6 @@ def known_of(
     memory = joined([reference.memory for reference in references], model.rows, model.channels)
     poses = [usual_pose(rig, family)[None], *(reference.poses for reference in references)]
     return Known(nodes, model, memory, np.concatenate(poses))
-
-
-def runs_of(frames: int) -> list[tuple[int, int]]:
-    """Return (start, stop) of the runs of a clip."""
-    return [(at, min(at + RUN_FRAMES, frames)) for at in range(0, frames, RUN_FRAMES)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,8 @@ class MotionModel:
     channels) × 2^14, orthonormal but for rounding. ``base``: (rows, coefficients) and
     ``senses``: (rows, 3, 10), × 256: the binary logarithm of a coefficient's expected size in
     steps is base + senses · signs. ``starts``: (rows, 2, 3) the same of a first pose's
-    difference, in cm, from the usual pose and from a reference clip's.
+    difference, in cm, from the usual pose and from a reference clip's. ``still`` and
+    ``sliding``: the joints that are so in most clips; see `nodes`.
     """
 
     span: int
@@ -41,6 +42,8 @@ class MotionModel:
     base: IntArray
     senses: IntArray
     starts: IntArray
+    still: tuple[int, ...] = ()
+    sliding: tuple[int, ...] = ()
 
     @property
     def rows(self) -> int:
