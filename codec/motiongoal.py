@@ -11,6 +11,7 @@ from .clip import Clip, FloatArray, IntArray, MarkerClip, SkeletonClip
 from .fixedpoint import to_turns
 from .gaps import filled
 from .kinematics import end_positions, world_positions, world_rotations
+from .metrics import clip_errors, marker_errors
 from .nodes import JOINT, KIND, PLACE, Nodes, marker_nodes, skeleton_nodes
 from .rig import Family, Rig
 from .rotations import to_quaternions
@@ -36,6 +37,23 @@ class Limits:
     def least(self) -> float:
         """The smallest limit of all."""
         return float(min(self.joints.min(initial=np.inf), self.frames.min(initial=np.inf)))
+
+    @property
+    def uniform(self) -> bool:
+        """Whether one limit holds for all joints and frames."""
+        both = np.concatenate([self.joints, self.frames])
+        return bool((both == both[:1]).all())
+
+    def excess(self, original: Clip, decoded: Clip) -> float:
+        """Return the largest error of a decoded clip as a share of its limit."""
+        if isinstance(original, MarkerClip):
+            assert isinstance(decoded, MarkerClip)
+            errors = marker_errors(original, decoded)
+        else:
+            assert isinstance(decoded, SkeletonClip)
+            errors = clip_errors(original, decoded)
+        allowed = np.minimum(self.joints, self.frames[:, None])
+        return float((errors / allowed).max(initial=0.0))
 
 
 def uniform_limits(clip: Clip, tolerance: float, mean: float | None = None) -> Limits:
