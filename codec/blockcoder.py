@@ -213,7 +213,7 @@ def choose(
                 whole = 0
             if whole > 0:
                 quantised[k] += whole if z > 0 else -whole
-                changed = changed or whole > 1000
+                changed = changed or whole > 60
         if not changed:
             break
         # the basis is rounded: large coefficients leave a rest that is worth another look

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from .bodyparts import BodyPart
-from .clip import Clip, FloatArray, IntArray, MarkerClip, Skeleton, SkeletonClip
+from .clip import Clip, FloatArray, IntArray, MarkerClip, SkeletonClip
 from .conform import conformed
 from .errors import DamagedError, UsageError
 from .index_file import IndexFile
@@ -24,6 +24,7 @@ from .layers import (
     unpredicted,
 )
 from .metrics import frame_blocks
+from .partial import with_ancestors
 from .patterns import Codebook, unfold
 from .quantiser import step_of
 from .rig import Rig
@@ -53,7 +54,7 @@ def decode(
     Raises `DamagedError` where the layers contradict themselves, `UsageError` for unknown parts.
     """
     preview, root_left = _opened(index, rig, codebook)
-    wanted = _with_ancestors(codebook, rig.skeleton, parts)
+    wanted = with_ancestors(codebook.family.parts, rig.skeleton, parts)
     step = step_of(index.step_code)
     if tier == "preview":
         root = codebook.family.parts[0]
@@ -198,33 +199,3 @@ def _local(rig: Rig, world: FloatArray, skipped: Sequence[BodyPart]) -> FloatArr
     for part in skipped:
         local[:, part.joints] = np.eye(3)
     return local
-
-
-def _with_ancestors(
-    codebook: Codebook, skeleton: Skeleton, names: Collection[str] | None
-) -> set[int]:
-    """Return the parts to decode: the named ones, and those above them.
-
-    Above in the hierarchy of parts, which the integers are relative to, and in the skeleton: a
-    Biped's thighs hang on its spine, while the leg's parent part is the root.
-    """
-    parts = codebook.family.parts
-    if names is None:
-        return set(range(len(parts)))
-    known = {part.name: number for number, part in enumerate(parts)}
-    unknown = sorted(set(names) - set(known))
-    if unknown:
-        raise UsageError(
-            f"no body part {', '.join(unknown)}", advice=f"Choose from {', '.join(known)}"
-        )
-    owner = {joint: number for number, part in enumerate(parts) for joint in part.joints}
-    waiting = [0, *(known[name] for name in names)]
-    wanted: set[int] = set()
-    while waiting:
-        number = waiting.pop()
-        if number in wanted:
-            continue
-        wanted.add(number)
-        above = {owner.get(int(skeleton.parents[joint]), 0) for joint in parts[number].joints}
-        waiting += [*above, max(parts[number].parent, 0)]
-    return wanted

@@ -14,15 +14,25 @@ from scipy.optimize import minimize
 
 from .blockcoder import SIGNS, expect, settle, wanted
 from .blockcontext import UNIT_BITS, describe
-from .blockwalk import walk
+from .blockwalk import STEP_BITS, walk
 from .clip import FloatArray, IntArray
 from .compiled import compiled
-from .motionmodel import BASIS_BITS, GROUPS, WEIGHT_BITS, MotionModel
+from .motionmodel import (
+    BASIS_BITS,
+    GROUPS,
+    WEIGHT_BITS,
+    MotionModel,
+    cosine_basis,
+    fold_features,
+    folded,
+)
 from .nodes import FOLLOWER, KIND, ROW, Nodes
 from .recall import FollowArray, KeyArray, Memory, empty_memory
 from .yardstick import Yardstick
 
-RIDGE = 1e-4  # of a feature's mean square
+ROUNDING_SHARE = 0.015  # of the step: what rounding of one feature's weight may do
+BASIS_GRAIN = 11  # bits after the point that a learned basis keeps
+RIDGE = 3e-3  # of a feature's mean square
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the fixed model's numbers
 MOST_SAMPLES = 6000  # blocks of a row that expected sizes are fitted to
 
@@ -94,25 +104,38 @@ def _predictors(
             cross[row] += x.T @ y
             square[row] += y.T @ y
             seen[row] += len(x)
-    weights, basis = model.weights.copy(), model.basis.copy()
+    weights, basis = model.folded_weights.copy(), model.folded_basis.copy()
     for row in np.flatnonzero(seen >= LEAST_BLOCKS).tolist():
         scale = np.sqrt(np.diag(gram[row]) / seen[row]) + 1e-6
         normal = gram[row] / np.outer(scale, scale) + RIDGE * seen[row] * np.eye(features)
         solved = np.linalg.solve(normal, cross[row] / scale[:, None]) / scale[:, None]
-        weights[row] = np.rint(solved * (1 << WEIGHT_BITS))
-        fitted = weights[row] / (1 << WEIGHT_BITS)
+        fold = fold_features(model.span) / float(1 << BASIS_BITS)
+        usual = np.sqrt(np.einsum("ij,jk,ik->i", fold, gram[row], fold) / seen[row]) + 1e-6
+        weights[row] = folded(solved, model.span, _bits_to_drop(usual, step))
+        fitted = replace(model, folded_weights=weights[row : row + 1]).weights[0]
+        fitted = fitted / (1 << WEIGHT_BITS)
         left = square[row] - fitted.T @ cross[row] - cross[row].T @ fitted
         left += fitted.T @ gram[row] @ fitted
-        basis[row] = _basis(left / seen[row])
-    return replace(model, weights=weights, basis=basis)
+        basis[row] = _basis(left / seen[row], model.span)
+    return replace(model, folded_weights=weights, folded_basis=basis)
 
 
-def _basis(covariance: FloatArray) -> IntArray:
-    """Return the eigenvectors of a covariance as a basis, the largest first."""
+def _bits_to_drop(usual: FloatArray, step: int) -> FloatArray:
+    """Return how many low bits of the features' weights may go; ``usual``: their sizes, cm.
+
+    What rounding moves a prediction by stays a small share of the step (2^-24 cm).
+    """
+    allowed = ROUNDING_SHARE * step / float(1 << STEP_BITS) / usual * (1 << WEIGHT_BITS)
+    return np.asarray(np.clip(np.floor(np.log2(np.maximum(allowed, 1.0))), 0, 11))
+
+
+def _basis(covariance: FloatArray, span: int) -> IntArray:
+    """Return the eigenvectors of a covariance as a folded basis, the largest first."""
     _, vectors = np.linalg.eigh(covariance + 1e-12 * np.eye(len(covariance)))
-    rows = vectors.T[::-1]
+    rows = vectors.T[::-1] @ cosine_basis(span).T
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
-    return np.asarray(np.rint(rows * signs[:, None] * (1 << BASIS_BITS)), np.int64)
+    coarse = np.rint(rows * signs[:, None] * (1 << BASIS_GRAIN)).astype(np.int64)
+    return np.asarray(coarse << (BASIS_BITS - BASIS_GRAIN))
 
 
 def _gathered(sample: Sample, state: IntArray, model: MotionModel) -> tuple[FloatArray, FloatArray]:

@@ -11,11 +11,12 @@ from .clip import Clip, IntArray, MarkerClip
 from .encode import TEXT_MARGIN, measure
 from .errors import GuaranteeError
 from .index_file import float32_above
+from .limits import Limits
 from .metrics import Errors
 from .motioncodec import CodedRun, Reference, clip_of, code_run, known_of
 from .motiondecode import decode_states, step_units
 from .motionfile import MotionFile, pack_motion, runs_of, unpack_motion
-from .motiongoal import Goal, Limits, goal_of
+from .motiongoal import Goal, goal_of
 from .motionhead import Head, write_head
 from .motionmodel import MotionModel
 from .nodes import Nodes

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .blockcontext import UNIT_BITS
-from .clip import Clip, FloatArray, IntArray, MarkerClip, SkeletonClip
+from .clip import Clip, IntArray, MarkerClip, SkeletonClip
 from .fixedpoint import to_turns
 from .gaps import filled
 from .kinematics import end_positions, world_positions, world_rotations
-from .metrics import clip_errors, marker_errors
+from .limits import Limits
 from .nodes import JOINT, KIND, PLACE, Nodes, marker_nodes, skeleton_nodes
 from .rig import Family, Rig
 from .rotations import to_quaternions
@@ -19,50 +19,6 @@ from .subject import sliding_joints
 from .yardstick import Yardstick, marker_shape, skeleton_shape
 
 STILL_SHARE = 0.02  # of the tolerance: what a joint may turn (times its lever) and be a follower
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """How far off a decoded clip may be, centimetres.
-
-    ``joints``: (joints + end sites, or markers,); ``frames``: (frames,); the lesser of the two
-    holds for a joint in a frame. ``mean``: what the mean error must not pass, or None.
-    """
-
-    joints: FloatArray
-    frames: FloatArray
-    mean: float | None = None
-
-    @property
-    def least(self) -> float:
-        """The smallest limit of all."""
-        return float(min(self.joints.min(initial=np.inf), self.frames.min(initial=np.inf)))
-
-    @property
-    def uniform(self) -> bool:
-        """Whether one limit holds for all joints and frames."""
-        both = np.concatenate([self.joints, self.frames])
-        return bool((both == both[:1]).all())
-
-    def excess(self, original: Clip, decoded: Clip) -> float:
-        """Return the largest error of a decoded clip as a share of its limit."""
-        if isinstance(original, MarkerClip):
-            assert isinstance(decoded, MarkerClip)
-            errors = marker_errors(original, decoded)
-        else:
-            assert isinstance(decoded, SkeletonClip)
-            errors = clip_errors(original, decoded)
-        allowed = np.minimum(self.joints, self.frames[:, None])
-        return float((errors / allowed).max(initial=0.0))
-
-
-def uniform_limits(clip: Clip, tolerance: float, mean: float | None = None) -> Limits:
-    """Return the same limit for every joint, end site or marker in every frame."""
-    if isinstance(clip, MarkerClip):
-        points = len(clip.names)
-    else:
-        points = clip.skeleton.joints + len(clip.skeleton.end_parents)
-    return Limits(np.full(points, tolerance), np.full(clip.frames, tolerance), mean)
 
 
 @dataclass(frozen=True, eq=False)

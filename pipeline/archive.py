@@ -14,16 +14,20 @@ from typing import Any
 
 from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, Skeleton, SkeletonClip
 from ..codec.decode import Tier, decode
-from ..codec.errors import DamagedError, MotifoldError, UnknownClipError, UsageError
-from ..codec.index_file import IndexFile, unpack
+from ..codec.errors import DamagedError, UnknownClipError, UsageError
+from ..codec.index_file import IndexFile
 from ..codec.kinematics import world_positions, world_rotations
 from ..codec.metrics import Errors
+from ..codec.motionfile import MotionFile
+from ..codec.partial import only_parts
 from ..codec.patterns import Codebook
 from ..codec.rig import Rig
 from ..codec.rotations import to_quaternions
 from .commit import Commit, read_commit
+from .indexreader import read_index
 from .layout import current_rows, index_path, read_ledgers
 from .ledger import Ledger, Row
+from .shelf import Shelf
 from .store import Store, read_store
 
 
@@ -136,6 +140,26 @@ class Archive(Mapping[str, "ArchivedClip"]):
                 self._codebooks[family, generation] = store.codebook(family, counts)
             return self._codebooks[family, generation]
 
+    @property
+    def shelf(self) -> Shelf:
+        """The decoded clips that others refer to."""
+        store, numbered = (
+            self.store,
+            [row for _, ledger in sorted(self.ledgers.items()) for row in ledger.rows],
+        )
+
+        def find(number: int) -> tuple[MotionFile, Rig]:
+            if number >= len(numbered):
+                raise DamagedError(f"refers to clip {number} of {len(numbered)}")
+            row = numbered[number]
+            file = read_index(index_path(self.path, row.index))
+            if not isinstance(file, MotionFile):
+                raise DamagedError(f"refers to {row.name}, an index file of version 1")
+            return file, self.rig(row.rig)
+
+        value: Shelf = self._once("shelf", lambda: Shelf(store, find))
+        return value
+
     def rig(self, number: int) -> Rig:
         """Return a rig by its number."""
         rigs = self.store.rigs
@@ -237,20 +261,9 @@ class ArchivedClip:
         """Where its index file is."""
         return index_path(self.archive.path, self.row.index)
 
-    def index(self, *, prefix_only: bool = False) -> IndexFile:
+    def index(self, *, prefix_only: bool = False) -> IndexFile | MotionFile:
         """Return the clip's index file, checked. Raises `DamagedError`."""
-        try:
-            data = self.path.read_bytes()
-        except OSError as problem:
-            raise DamagedError(
-                f"the index file of {self.name} cannot be read ({problem.strerror})",
-                file=self.path,
-                advice="Restore it from a copy",
-            ) from problem
-        try:
-            index = unpack(data, prefix_only=prefix_only)
-        except MotifoldError as problem:
-            raise problem.within(self.path) from problem
+        index = read_index(self.path, prefix_only=prefix_only)
         if index.frames != self.row.frames or index.rig != self.row.rig:
             raise DamagedError("is the index file of another clip", file=self.path)
         return index
@@ -271,13 +284,29 @@ class ArchivedClip:
         work for them is not done. Raises `DamagedError` or `UsageError`.
         """
         index = self.index(prefix_only=tier == "preview")
-        codebook = self.archive.codebook(self.rig.family_key, index.generation)
         try:
+            if isinstance(index, MotionFile):
+                return self._decoded(index, tier, parts, start, stop)
+            codebook = self.archive.codebook(self.rig.family_key, index.generation)
             clip = decode(index, self.rig, codebook, tier=tier, parts=parts)
         except DamagedError as problem:
             raise problem.within(self.path) from problem
         first, last, _ = slice(start, stop).indices(clip.frames)
         return clip if (first, last) == (0, clip.frames) else clip.slice(first, last)
+
+    def _decoded(
+        self,
+        file: MotionFile,
+        tier: Tier,
+        parts: Collection[str] | None,
+        start: int,
+        stop: int | None,
+    ) -> Clip:
+        first, last, _ = slice(start, stop).indices(file.frames)
+        clip = self.archive.shelf.decode(
+            file, self.rig, core_only=tier == "preview", start=first, stop=last
+        )
+        return only_parts(clip.slice(first, max(first, last)), self.rig, parts)
 
     @cached_property
     def clip(self) -> Clip:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from ..codec.errors import UsageError
 from ..codec.formats.units import parse_units
+from ..codec.limits import Bounds
 from ..codec.segments import SegmentRules
 from .clustering import ClusterRules
 from .discover import Source
@@ -20,9 +21,12 @@ BATCH_BYTES = 16 << 20  # of source files
 class Settings:
     """What a job promises and how it works.
 
-    ``tolerance``: largest error of every clip, centimetres. ``units``: length unit to assume
+    ``tolerance``: largest error of every clip, centimetres; ``mean_tolerance``: largest mean
+    error of every clip, which then takes its place. ``units``: length unit to assume
     for all files (None: as each file says, or estimated). ``seed``: of the random choices
-    that clustering by average error makes. Raises `UsageError`.
+    that clustering by average error makes, and of which clips others are predicted from.
+    ``codec``: ``patterns`` writes index files of version 1, ``learned`` of version 2. Raises
+    `UsageError`.
     """
 
     tolerance: float = 0.1
@@ -30,6 +34,8 @@ class Settings:
     segments: SegmentRules = field(default_factory=SegmentRules)
     clusters: ClusterRules = field(default_factory=ClusterRules)
     seed: int = 0
+    codec: Literal["patterns", "learned"] = "patterns"
+    mean_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         if not 1e-4 <= self.tolerance <= 1000.0:
@@ -41,6 +47,13 @@ class Settings:
             parse_units(self.units)
         if not 0 <= self.seed < 1 << 32:
             raise UsageError(f"a seed of {self.seed}", advice="Choose from 0 to 4294967295")
+
+    @property
+    def bounds(self) -> Bounds:
+        """What every clip must keep."""
+        if self.mean_tolerance is not None:
+            return Bounds(None, self.mean_tolerance)
+        return Bounds(self.tolerance)
 
     def to_record(self) -> dict[str, Any]:
         """Return the settings as JSON-serialisable values."""

@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..codec.anyfile import check_whole
 from ..codec.bodyparts import PartsFile
 from ..codec.encode import Encoder
 from ..codec.errors import DamagedError
-from ..codec.index_file import unpack
 from ..codec.nearest import NearestPatterns
 from ..codec.patterns import to_centimetres
 from .clustering import Representatives, grow
@@ -25,6 +25,7 @@ from .executors import Executor, executor, map_batches, one_thread
 from .layout import current_rows, index_path, read_ledgers
 from .ledger import Ledger, Row, ledger_path, write_ledger
 from .lock import writer_lock
+from .motion_job import SCRATCH, MotionJob
 from .plan import Plan, Settings, make_plan
 from .report import Progress, Report
 from .store import NAME as STORE
@@ -107,10 +108,13 @@ class _Job:
             prepared = settle(surveyed, self.plan, store)
         self.report.unchanged = surveyed.unchanged
         self.report.failures += surveyed.failures
-        with self.report.timed("cluster"):
-            self._cluster(prepared, store)
-        with self.report.timed("encode"):
-            self._encode(prepared, surveyed.clips, store, generation)
+        if self.settings.codec == "learned":
+            self._encode_learned(prepared, surveyed.clips, store, ledgers, generation)
+        else:
+            with self.report.timed("cluster"):
+                self._cluster(prepared, store)
+            with self.report.timed("encode"):
+                self._encode(prepared, surveyed.clips, store, generation)
         with self.report.timed("publish"):
             if self.rows or self._new_failures(ledgers):
                 self._publish(before, generation, store)
@@ -134,6 +138,7 @@ class _Job:
 
     def _sweep(self, ledgers: dict[int, Ledger], generation: int) -> None:
         """Remove what an interrupted job left: nothing that is published is touched."""
+        shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)
         shutil.rmtree(self.folder / STORE / f"{generation:06d}", ignore_errors=True)
         ledger_path(self.folder, generation).unlink(missing_ok=True)
         published = {
@@ -228,6 +233,42 @@ class _Job:
             done += len(batch)
             self.progress(Progress("encode", done, clips, report.source_bytes, report.index_bytes))
         report.mean_error = error_sum / max(report.frames, 1)
+        self.rows.sort(key=lambda row: row.name)
+
+    def _encode_learned(
+        self,
+        batches: list[tuple[Prepared, ...]],
+        surveys: dict[str, Survey],
+        store: Store,
+        ledgers: dict[int, Ledger],
+        generation: int,
+    ) -> None:
+        """Encode with index files of version 2; see `motion_job`."""
+        job = MotionJob(
+            self.engine,
+            self.settings,
+            store.families,
+            store.newest_models(),
+            generation,
+            sum(len(ledger.rows) for ledger in ledgers.values()),
+            self.folder,
+        )
+        error_sum = 0.0
+        stages = self.report.seconds
+        for item, encoded in job.run(batches, self._staged):
+            survey = surveys[encoded.name]
+            self._keep(encoded, survey, item.rig_number)
+            error_sum += encoded.certificate.mean * survey.frames
+        stages.update(job.seconds)
+        self.report.failures += job.failures
+        self.report.mean_error = error_sum / max(self.report.frames, 1)
+        store.models.update(
+            ((key, made), model) for key, (made, model) in job.models.items() if made
+        )
+
+    def _staged(self, stage: str, done: int, clips: int) -> None:
+        report = self.report
+        self.progress(Progress(stage, done, clips, report.source_bytes, report.index_bytes))
 
     def _keep(self, encoded: EncodedClip, survey: Survey, rig: int) -> None:
         """Write one clip's index file, read it back, and note its row."""
@@ -240,7 +281,7 @@ class _Job:
             raise DamagedError(
                 "was not written as it should be", file=path, advice="Check the disk"
             )
-        unpack(written)
+        check_whole(written)
         self.rows.append(
             Row(
                 survey.name,
@@ -267,7 +308,7 @@ class _Job:
         digests = write_generation(self.folder, generation, before, store)
         ledger = Ledger(
             self.settings.to_record(),
-            tuple(sorted(self.rows, key=lambda row: row.name)),
+            tuple(self.rows),
             tuple(sorted(self.report.failures, key=lambda failure: failure.name)),
             digests,
         )

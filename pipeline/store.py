@@ -4,6 +4,7 @@ One group a generation, written whole by one job and never changed::
 
     store.zarr/000001/records             uint8: JSON of the rigs and families that are new
     store.zarr/000001/<family>/<part>     int16 (16, channels, patterns): patterns that are new
+    store.zarr/000001/models/<key>        uint8: a motion model (`codec.modelfile`)
 
 Patterns are cosine coefficients along time (`codec.patterns`), mostly zeros, and stored with
 the patterns as the last axis, so that the zeros of the quick courses lie together.
@@ -24,6 +25,8 @@ import zarr
 from zarr.codecs import ZstdCodec
 
 from ..codec.errors import DamagedError
+from ..codec.modelfile import read_model, write_model
+from ..codec.motionmodel import MotionModel
 from ..codec.patterns import Codebook, no_patterns
 from ..codec.rig import Family, Rig
 from .commit import Commit
@@ -40,13 +43,15 @@ class Store:
     """All of a store that the published generations, or a job under way, can see.
 
     ``rigs``: by number. ``families``: by key. ``patterns``: per family key, per part, the
-    patterns of all generations in their order.
+    patterns of all generations in their order. ``models``: motion models by key (see
+    `motion_job.model_key`) and the generation that learned them.
     """
 
     def __init__(self) -> None:
         self.rigs: list[Rig] = []
         self.families: dict[str, Family] = {}
         self.patterns: dict[str, list[Patterns]] = {}
+        self.models: dict[tuple[str, int], MotionModel] = {}
         self._numbers: dict[str, int] = {}
 
     def rig_number(self, rig: Rig) -> int | None:
@@ -72,6 +77,13 @@ class Store:
         """Return the number of patterns per family and part."""
         return {key: [len(part) for part in parts] for key, parts in self.patterns.items()}
 
+    def newest_models(self) -> dict[str, tuple[int, MotionModel]]:
+        """Return the newest model of every key with its generation."""
+        newest: dict[str, tuple[int, MotionModel]] = {}
+        for (key, generation), model in sorted(self.models.items(), key=lambda entry: entry[0]):
+            newest[key] = generation, model
+        return newest
+
     def codebook(self, key: str, counts: list[int] | None = None) -> Codebook:
         """Return a family's patterns; with ``counts``, only the first so many of each part."""
         if key not in self.families:
@@ -96,7 +108,7 @@ def read_store(archive: Path, commit: Commit, ledgers: Mapping[int, Ledger]) -> 
             raise DamagedError(wrong[0], advice="Restore it from a copy")
         try:
             group = zarr.open_group(path, mode="r", use_consolidated=False)
-            _read_generation(store, group)
+            _read_generation(store, group, job.generation)
         except (OSError, ValueError, KeyError, TypeError, RuntimeError) as problem:
             raise DamagedError(
                 f"the pattern store cannot be read ({problem})",
@@ -131,6 +143,9 @@ def write_generation(
                 if len(new):
                     name = f"{key}/{number:02d}"
                     _write(group, name, np.ascontiguousarray(np.moveaxis(new, 0, -1)))
+        for (key, made), model in sorted(store.models.items(), key=lambda entry: entry[0]):
+            if made == generation:
+                _write(group, f"models/{key}", np.frombuffer(write_model(model), np.uint8))
         for written in (path.parent, path, *path.rglob("*")):
             sync(written)  # Zarr does not
     return _digests(path)
@@ -161,7 +176,7 @@ def _write(group: Any, name: str, values: npt.NDArray[Any]) -> None:
         )
 
 
-def _read_generation(store: Store, group: Any) -> None:
+def _read_generation(store: Store, group: Any, generation: int) -> None:
     records = json.loads(bytes(group["records"][:]))
     for record in records["rigs"]:
         store.add_rig(Rig.from_record(record))
@@ -174,6 +189,10 @@ def _read_generation(store: Store, group: Any) -> None:
                 store.add_patterns(
                     key, number, np.moveaxis(np.asarray(group[name][:], np.int16), -1, 0)
                 )
+    if "models" in group:
+        for name in group["models"]:
+            data = bytes(np.asarray(group[f"models/{name}"][:], np.uint8))
+            store.models[name, generation] = read_model(data)
 
 
 def _digests(path: Path) -> dict[str, str]:

@@ -125,7 +125,7 @@ def survey_batch(
         def survey(source: Source = source) -> None:
             _survey(source, units, overrides, known, out)
 
-        _attempt(source.name, out.failures, survey)
+        attempt(source.name, out.failures, survey)
     return out
 
 
@@ -187,7 +187,7 @@ def segment_batch(
                 for part in clip_segments(clip, family, rules)
             ]
 
-        made = _attempt(item.source.name, out.failures, step_one)
+        made = attempt(item.source.name, out.failures, step_one)
         if made is not None:
             out.clips[item.source.name] = made
     return out
@@ -215,13 +215,13 @@ def encode_batch(
                 sum(int((part >= 0).sum()) for part in used),
             )
 
-        made = _attempt(item.source.name, out.failures, encode)
+        made = attempt(item.source.name, out.failures, encode)
         if made is not None:
             out.clips.append(made)
     return out
 
 
-def _attempt(name: str, failures: list[Failure], work: Callable[[], Made]) -> Made | None:
+def attempt(name: str, failures: list[Failure], work: Callable[[], Made]) -> Made | None:
     """Return ``work()``, or None with a `Failure` noted, whatever goes wrong with one clip."""
     try:
         return work()

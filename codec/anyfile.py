@@ -1,0 +1,19 @@
+"""Index files of every version, told apart."""
+
+from __future__ import annotations
+
+from .index_file import IndexFile, unpack
+from .motionfile import VERSION as MOTION_VERSION
+from .motionfile import MotionFile, unpack_motion
+
+
+def unpack_any(data: bytes, *, prefix_only: bool = False) -> IndexFile | MotionFile:
+    """Return the parts of an index file, checked. Raises `DamagedError` or `VersionError`."""
+    if len(data) > 3 and data[3] == MOTION_VERSION:
+        return unpack_motion(data, prefix_only=prefix_only)
+    return unpack(data, prefix_only=prefix_only)
+
+
+def check_whole(data: bytes) -> None:
+    """Raise `DamagedError` if an index file is not whole."""
+    unpack_any(data)

@@ -1,0 +1,230 @@
+"""The learned codec's part of an archive job: references, models, and encoding level by level."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import monotonic
+
+from ..codec.blockwalk import walk
+from ..codec.learning import Sample, learn
+from ..codec.limits import Bounds
+from ..codec.modelfile import write_model
+from ..codec.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
+from ..codec.motionmodel import MotionModel, fixed_model, usual_span
+from ..codec.recall import empty_memory
+from ..codec.rig import Family, Rig
+from ..codec.sketch import Sketch
+from .executors import Executor, map_batches
+from .ledger import Failure
+from .motion_tasks import (
+    Assignment,
+    encode_assigned,
+    lost_sketches,
+    sample_of,
+    sketch_batch,
+)
+from .plan import BATCH_CLIPS, Settings
+from .references import ReferenceFinder, levels_of
+from .tasks import EncodedBatch, EncodedClip, Prepared, lost_failures
+
+SAMPLE_CLIPS = 240  # that a model is learned from at the most
+LEAST_CLIPS = 8  # fewer are not worth learning from
+REFERENCES = 8
+COARSE = 0.4  # centimetres of a step, from which blocks are twice as long
+SCRATCH = ".scratch"
+
+
+def model_key(rig: Rig) -> str:
+    """Return the key of the model that a rig's clips share: its family and frame rate."""
+    return f"{rig.family_key}-{usual_span(rig.frame_time)}"
+
+
+def likely_step(bounds: Bounds) -> float:
+    """Return about the step, centimetres, that clips will be coded at."""
+    steps = []
+    if bounds.tolerance is not None:
+        steps.append(LARGEST_STEP * bounds.tolerance)
+    if bounds.mean is not None:
+        steps.append(MEAN_STEP * bounds.mean)
+    return min(steps)
+
+
+@dataclass
+class MotionJob:
+    """What is known while the clips of a job are encoded.
+
+    ``models``: by key, (generation, model), those of earlier jobs and this one's; ``first``:
+    number of the job's first clip.
+    """
+
+    engine: Executor
+    settings: Settings
+    families: Mapping[str, Family]
+    models: dict[str, tuple[int, MotionModel]]
+    generation: int
+    first: int
+    folder: Path
+    failures: list[Failure] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def run(
+        self, batches: Sequence[tuple[Prepared, ...]], tell: Callable[[str, int, int], None]
+    ) -> Iterator[tuple[Prepared, EncodedClip]]:
+        """Yield every clip encoded, in the order of their numbers."""
+        scratch = self.folder / SCRATCH
+        shutil.rmtree(scratch, ignore_errors=True)
+        try:
+            began = monotonic()
+            sketches = self._sketched(batches, tell)
+            self.seconds["sketch"] = monotonic() - began
+            items = {item.source.name: item for batch in batches for item in batch}
+            groups: dict[str, list[str]] = {}
+            for name in sorted(sketches):
+                groups.setdefault(model_key(items[name].rig), []).append(name)
+            self._learn(groups, items)
+            self.seconds["learn"] = monotonic() - began - self.seconds["sketch"]
+            began = monotonic()
+            plan = self._assigned(groups, sketches)
+            yield from self._encoded(plan, items, scratch, tell)
+            self.seconds["encode"] = monotonic() - began
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+    def _sketched(
+        self, batches: Sequence[tuple[Prepared, ...]], tell: Callable[[str, int, int], None]
+    ) -> dict[str, Sketch]:
+        found: dict[str, Sketch] = {}
+        done, clips = 0, sum(map(len, batches))
+        for batch, result in map_batches(
+            self.engine, sketch_batch, batches, self.families, self.settings, lost=lost_sketches
+        ):
+            found.update(result.clips)
+            self.failures += result.failures
+            done += len(batch)
+            tell("sketch", done, clips)
+        return found
+
+    def _learn(self, groups: Mapping[str, list[str]], items: Mapping[str, Prepared]) -> None:
+        """Give every key a model: a known one, one learned now, or the fixed one."""
+        step = likely_step(self.settings.bounds)
+        for key, names in sorted(groups.items()):
+            if key in self.models:
+                continue
+            rig = items[names[0]].rig
+            span = usual_span(rig.frame_time)
+            rows = 2 * rig.skeleton.joints
+            plain = fixed_model(rows, span)
+            self.models[key] = 0, plain
+            if len(names) < LEAST_CLIPS:
+                continue
+            chosen = names[:: -(-len(names) // SAMPLE_CLIPS)]
+            family = self.families[rig.family_key]
+            samples = [sample_of(items[name], family, self.settings) for name in chosen]
+            begin = fixed_model(rows, span * 2) if step >= COARSE and span < 16 else plain
+            units = int(step * (1 << 24))
+            model = learn(samples, begin, units, THRIFT)
+            saved = _bits(samples, plain, units) - _bits(samples, model, units)
+            frames = sum(len(sample.goal) for sample in samples)
+            share = sum(1 for _ in names) / len(chosen)
+            if frames and saved / 8.0 * share > len(write_model(model)):
+                self.models[key] = self.generation, model
+
+    def _assigned(
+        self, groups: Mapping[str, list[str]], sketches: Mapping[str, Sketch]
+    ) -> list[list[tuple[str, list[str]]]]:
+        """Return, per level, clips with the names of those they refer to."""
+        levels: list[list[tuple[str, list[str]]]] = []
+        for names in groups.values():
+            level = levels_of(len(names), self.settings.seed)
+            finder = ReferenceFinder(REFERENCES)
+            order: list[str] = []
+            for number in range(int(level.max(initial=0)) + 1):
+                if number == len(levels):
+                    levels.append([])
+                members = [name for name, at in zip(names, level, strict=True) if at == number]
+                for name in members:
+                    chosen = [order[candidate] for candidate in finder.find(sketches[name])]
+                    levels[number].append((name, chosen))
+                finder.add([sketches[name] for name in members])
+                order += members
+        return levels
+
+    def _encoded(
+        self,
+        levels: list[list[tuple[str, list[str]]]],
+        items: Mapping[str, Prepared],
+        scratch: Path,
+        tell: Callable[[str, int, int], None],
+    ) -> Iterator[tuple[Prepared, EncodedClip]]:
+        encoders = {
+            key: MotionEncoder(self.families[key.rsplit("-", 1)[0]], model, generation)
+            for key, (generation, model) in self.models.items()
+        }
+        wanted = {name for level in levels for _, chosen in level for name in chosen}
+        numbers: dict[str, int] = {}
+        done, clips = 0, sum(map(len, levels))
+        for level in levels:
+            work = []
+            for name, chosen in level:
+                known = sorted((numbers[other], other) for other in chosen if other in numbers)
+                references = tuple((number, f"{number}.npz") for number, _ in known)
+                work.append((items[name], references, name in wanted))
+            # a clip's own number is not known yet, so what it leaves goes by its source's digest
+            assignments = [
+                Assignment(
+                    item,
+                    model_key(item.rig),
+                    references,
+                    f"{item.digest}.npz" if offered else None,
+                )
+                for item, references, offered in work
+            ]
+            batches = [
+                tuple(assignments[at : at + BATCH_CLIPS])
+                for at in range(0, len(assignments), BATCH_CLIPS)
+            ]
+            for batch, result in map_batches(
+                self.engine,
+                encode_assigned,
+                batches,
+                encoders,
+                self.settings,
+                str(scratch),
+                lost=_lost,
+            ):
+                self.failures += result.failures
+                for encoded in result.clips:
+                    item = items[encoded.name]
+                    number = self.first + len(numbers)
+                    numbers[encoded.name] = number
+                    left = scratch / f"{item.digest}.npz"
+                    if left.exists():
+                        left.replace(scratch / f"{number}.npz")
+                    yield item, encoded
+                done += len(batch)
+                tell("encode", done, clips)
+
+
+def _bits(samples: Sequence[Sample], model: MotionModel, step: int) -> float:
+    nothing = empty_memory(model.rows, model.channels)
+    return sum(
+        walk(
+            sample.goal,
+            sample.first,
+            sample.nodes,
+            model,
+            nothing,
+            sample.yardstick,
+            step,
+            THRIFT,
+            False,
+        ).bits
+        for sample in samples
+    )
+
+
+def _lost(batch: Sequence[Assignment]) -> EncodedBatch:
+    return EncodedBatch(failures=lost_failures(work.item.source.name for work in batch))

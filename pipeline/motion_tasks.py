@@ -1,0 +1,145 @@
+"""What workers do for the learned codec: sketch, gather samples, encode with references."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..codec.errors import MotifoldError
+from ..codec.formats.files import read_clip, source_bytes
+from ..codec.learning import Sample
+from ..codec.limits import limits_of
+from ..codec.motioncodec import Reference, reference_of
+from ..codec.motionencode import MotionEncoder
+from ..codec.motiongoal import goal_of
+from ..codec.recall import Memory
+from ..codec.rig import Family
+from ..codec.sketch import Sketch, sketch_of
+from .durable import digest
+from .ledger import Failure
+from .plan import Settings
+from .tasks import EncodedBatch, EncodedClip, Prepared, attempt, lost_failures
+
+CACHED_REFERENCES = 512  # a worker keeps so many decoded clips that others refer to
+
+
+@dataclass(eq=False)
+class Sketched:
+    """The result of `sketch_batch`: sketches by clip name."""
+
+    clips: dict[str, Sketch] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """One clip to encode: what it is, and which clips it is predicted from.
+
+    ``references``: (clip number, scratch name) in ascending order; ``scratch``: under which
+    name its own decoded motion is left for others, or None.
+    """
+
+    item: Prepared
+    model: str
+    references: tuple[tuple[int, str], ...]
+    scratch: str | None
+
+
+def sketch_batch(
+    batch: tuple[Prepared, ...], families: Mapping[str, Family], settings: Settings
+) -> Sketched:
+    """Read every clip and sketch it."""
+    out = Sketched()
+    for item in batch:
+
+        def sketch(item: Prepared = item) -> Sketch:
+            clip = read_clip(item.source.path, settings.units)
+            family = families[item.rig.family_key]
+            goal = goal_of(clip, item.rig, family, limits_of(clip, settings.bounds))
+            return sketch_of(goal, item.rig)
+
+        made = attempt(item.source.name, out.failures, sketch)
+        if made is not None:
+            out.clips[item.source.name] = made
+    return out
+
+
+def sample_of(item: Prepared, family: Family, settings: Settings) -> Sample:
+    """Return one clip to learn from."""
+    clip = read_clip(item.source.path, settings.units)
+    goal = goal_of(clip, item.rig, family, limits_of(clip, settings.bounds))
+    return Sample(goal.path, goal.path[:1], goal.nodes, goal.yardstick)
+
+
+def encode_assigned(
+    batch: tuple[Assignment, ...],
+    encoders: Mapping[str, MotionEncoder],
+    settings: Settings,
+    scratch: str,
+) -> EncodedBatch:
+    """Encode every clip of a batch; each proves its own certificate."""
+    out = EncodedBatch()
+    for work in batch:
+
+        def encode(work: Assignment = work) -> EncodedClip:
+            item, encoder = work.item, encoders[work.model]
+            if digest(source_bytes(item.source.path)) != item.digest:
+                raise MotifoldError("changed while it was being archived", advice="Archive again")
+            clip = read_clip(item.source.path, settings.units)
+            limits = limits_of(clip, settings.bounds)
+            references = [
+                (number, found)
+                for number, name in work.references
+                if (found := _reference(Path(scratch) / name)) is not None
+            ]
+            made = encoder.encode(clip, item.rig, item.rig_number, limits, references)
+            if work.scratch is not None:
+                offered = reference_of(made.states, made.nodes, encoder.model)
+                save_reference(Path(scratch) / work.scratch, offered)
+            return EncodedClip(item.source.name, made.data, made.certificate, 0, 0)
+
+        made = attempt(work.item.source.name, out.failures, encode)
+        if made is not None:
+            out.clips.append(made)
+    return out
+
+
+def save_reference(path: Path, reference: Reference) -> None:
+    """Leave a decoded clip for other workers."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".part.npz")
+    np.savez(
+        partial,
+        keys=reference.memory.keys,
+        follows=reference.memory.follows,
+        poses=reference.poses,
+    )
+    partial.replace(path)
+
+
+_cache: OrderedDict[Path, Reference] = OrderedDict()
+
+
+def _reference(path: Path) -> Reference | None:
+    """Return what a worker left, or None if that clip could not be encoded."""
+    if path in _cache:
+        _cache.move_to_end(path)
+        return _cache[path]
+    if not path.exists():
+        return None
+    with np.load(path) as arrays:
+        memory = Memory(arrays["keys"], arrays["follows"])
+        reference = Reference(memory, arrays["poses"])
+    _cache[path] = reference
+    if len(_cache) > CACHED_REFERENCES:
+        _cache.popitem(last=False)
+    return reference
+
+
+def lost_sketches(batch: Sequence[Prepared]) -> Sketched:
+    """Return what stands for a batch whose worker died."""
+    return Sketched(failures=lost_failures(item.source.name for item in batch))

@@ -1,0 +1,98 @@
+"""Decoding index files of version 2 of an open archive, with the clips that they refer to.
+
+A clip decodes after the clips that it is predicted from, and those after theirs: a few levels.
+What was decoded for others is kept, so that a second clip like the first costs little more.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+
+from ..codec.clip import Clip
+from ..codec.errors import DamagedError
+from ..codec.motioncodec import Reference, reference_of
+from ..codec.motiondecode import decode_motion, decode_states
+from ..codec.motionfile import MotionFile
+from ..codec.motionhead import read_references
+from ..codec.motionmodel import MotionModel, fixed_model, usual_span
+from ..codec.rig import Rig
+from .store import Store
+
+KEPT = 768  # decoded clips, some 200 KB each
+DEEPEST = 16
+
+
+class Shelf:
+    """The decoded clips of an archive that others refer to, made when first asked for.
+
+    ``find``: returns the index file and the rig of a clip number. Safe to use from several
+    threads.
+    """
+
+    def __init__(self, store: Store, find: Callable[[int], tuple[MotionFile, Rig]]) -> None:
+        self._store = store
+        self._find = find
+        self._kept: OrderedDict[tuple[int, str, int], Reference] = OrderedDict()
+        self._lock = threading.RLock()
+
+    def model(self, rig: Rig, generation: int) -> MotionModel:
+        """Return the model that a rig's clips are coded with. Raises `DamagedError`."""
+        if generation == 0:
+            return fixed_model(2 * rig.skeleton.joints, usual_span(rig.frame_time))
+        key = f"{rig.family_key}-{usual_span(rig.frame_time)}"
+        model = self._store.models.get((key, generation))
+        if model is None:
+            raise DamagedError(f"generation {generation} has no motion model for its rig")
+        return model
+
+    def decode(
+        self,
+        file: MotionFile,
+        rig: Rig,
+        *,
+        core_only: bool = False,
+        start: int = 0,
+        stop: int | None = None,
+    ) -> Clip:
+        """Return the clip of an index file; see `decode_motion`. Raises `DamagedError`."""
+        model = self.model(rig, file.generation)
+        references = self._references(file, rig, file.generation, 0)
+        family = self._store.families[rig.family_key]
+        return decode_motion(
+            file, rig, family, model, references, core_only=core_only, start=start, stop=stop
+        )
+
+    def _references(
+        self, file: MotionFile, rig: Rig, generation: int, depth: int
+    ) -> list[Reference]:
+        """Return what a file refers to, as a model of ``generation`` sees it."""
+        if depth > DEEPEST:
+            raise DamagedError("its references go in a circle")
+        numbers = read_references(file.head)
+        return [self._reference(number, rig, generation, depth) for number in numbers]
+
+    def _reference(self, number: int, rig: Rig, generation: int, depth: int) -> Reference:
+        key = (number, rig.family_key, generation)
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        file, own_rig = self._find(number)
+        if own_rig.family_key != rig.family_key:
+            raise DamagedError(f"refers to clip {number}, which has another kind of rig")
+        family = self._store.families[rig.family_key]
+        decoded = decode_states(
+            file,
+            own_rig,
+            family,
+            self.model(own_rig, file.generation),
+            self._references(file, own_rig, file.generation, depth + 1),
+        )
+        made = reference_of(decoded.states, decoded.nodes, self.model(rig, generation))
+        with self._lock:
+            self._kept[key] = made
+            if len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        return made
