@@ -37,9 +37,9 @@ class MotionModel:
     coefficients, channels) × 2^14, orthonormal but for rounding; both with every course along
     a block as its cosine transform, in which most of them are near zero.
     ``base``: (rows, coefficients) and ``senses``: (rows, 3, 10), × 256: the binary logarithm
-    of a coefficient's expected size in steps is base + senses · signs. ``starts``: (rows, 2, 3) the same of a first pose's
-    difference, in cm, from the usual pose and from a reference clip's. ``still`` and
-    ``sliding``: the joints that are so in most clips; see `nodes`.
+    of a coefficient's expected size in steps is base + senses · signs. ``starts``: (rows, 2,
+    3) the same of a first pose's difference, in cm, from the usual pose and from a reference
+    clip's. ``still`` and ``sliding``: the joints that are so in most clips; see `nodes`.
     """
 
     span: int

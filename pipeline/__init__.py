@@ -3,7 +3,8 @@
 >>> from motifold.pipeline import Archive, archive_library
 """
 
-from .archive import Archive, ArchivedClip
+from .archive import Archive
+from .archived_clip import ArchivedClip
 from .plan import Settings
 from .run import archive_library
 

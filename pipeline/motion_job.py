@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
 
-from ..codec.blockwalk import walk
-from ..codec.learning import Sample, learn
+from ..codec.learning import learn
 from ..codec.limits import Bounds
 from ..codec.modelfile import write_model
 from ..codec.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
 from ..codec.motionmodel import MotionModel, fixed_model, usual_span
 from ..codec.recall import empty_memory
 from ..codec.rig import Family, Rig
+from ..codec.samples import Manner, Sample, walked
 from ..codec.sketch import Sketch
+from ..codec.startpose import usual_pose
 from .executors import Executor, map_batches
 from .ledger import Failure
 from .motion_tasks import (
@@ -84,7 +85,7 @@ class MotionJob:
             groups: dict[str, list[str]] = {}
             for name in sorted(sketches):
                 groups.setdefault(model_key(items[name].rig), []).append(name)
-            self._learn(groups, items)
+            self._learn(groups, items, sketches)
             self.seconds["learn"] = monotonic() - began - self.seconds["sketch"]
             began = monotonic()
             plan = self._assigned(groups, sketches)
@@ -107,7 +108,12 @@ class MotionJob:
             tell("sketch", done, clips)
         return found
 
-    def _learn(self, groups: Mapping[str, list[str]], items: Mapping[str, Prepared]) -> None:
+    def _learn(
+        self,
+        groups: Mapping[str, list[str]],
+        items: Mapping[str, Prepared],
+        sketches: Mapping[str, Sketch],
+    ) -> None:
         """Give every key a model: a known one, one learned now, or the fixed one."""
         step = likely_step(self.settings.bounds)
         for key, names in sorted(groups.items()):
@@ -124,9 +130,15 @@ class MotionJob:
             family = self.families[rig.family_key]
             samples = [sample_of(items[name], family, self.settings) for name in chosen]
             begin = fixed_model(rows, span * 2) if step >= COARSE and span < 16 else plain
-            units = int(step * (1 << 24))
-            model = learn(samples, begin, units, THRIFT)
-            saved = _bits(samples, plain, units) - _bits(samples, model, units)
+            manner = Manner(int(step * (1 << 24)), THRIFT)
+            finder = ReferenceFinder(REFERENCES + 1)
+            finder.add([sketches[name] for name in chosen])
+            neighbours = [
+                [other for other in finder.find(sketches[name]) if other != at][:REFERENCES]
+                for at, name in enumerate(chosen)
+            ]
+            model = learn(samples, begin, manner, usual_pose(rig, family), neighbours)
+            saved = _bits(samples, plain, manner) - _bits(samples, model, manner)
             frames = sum(len(sample.goal) for sample in samples)
             share = sum(1 for _ in names) / len(chosen)
             if frames and saved / 8.0 * share > len(write_model(model)):
@@ -208,22 +220,9 @@ class MotionJob:
                 tell("encode", done, clips)
 
 
-def _bits(samples: Sequence[Sample], model: MotionModel, step: int) -> float:
+def _bits(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> float:
     nothing = empty_memory(model.rows, model.channels)
-    return sum(
-        walk(
-            sample.goal,
-            sample.first,
-            sample.nodes,
-            model,
-            nothing,
-            sample.yardstick,
-            step,
-            THRIFT,
-            False,
-        ).bits
-        for sample in samples
-    )
+    return sum(walked(sample, model, nothing, manner).bits for sample in samples)
 
 
 def _lost(batch: Sequence[Assignment]) -> EncodedBatch:

@@ -11,13 +11,13 @@ import numpy as np
 
 from ..codec.errors import MotifoldError
 from ..codec.formats.files import read_clip, source_bytes
-from ..codec.learning import Sample
 from ..codec.limits import limits_of
 from ..codec.motioncodec import Reference, reference_of
 from ..codec.motionencode import MotionEncoder
 from ..codec.motiongoal import goal_of
 from ..codec.recall import Memory
 from ..codec.rig import Family
+from ..codec.samples import Sample
 from ..codec.sketch import Sketch, sketch_of
 from .durable import digest
 from .ledger import Failure

@@ -15,8 +15,6 @@ from ..codec.anyfile import check_whole
 from ..codec.bodyparts import PartsFile
 from ..codec.encode import Encoder
 from ..codec.errors import DamagedError
-from ..codec.nearest import NearestPatterns
-from ..codec.patterns import to_centimetres
 from .clustering import Representatives, grow
 from .commit import Commit, Job, publish, read_or_start
 from .discover import discover
@@ -28,6 +26,7 @@ from .lock import writer_lock
 from .motion_job import SCRATCH, MotionJob
 from .plan import Plan, Settings, make_plan
 from .report import Progress, Report
+from .searchers import Searchers
 from .store import NAME as STORE
 from .store import Store, read_store, write_generation
 from .survey import settle, survey_clips
@@ -156,7 +155,7 @@ class _Job:
             key: self.settings.clusters.radius(family.head_diagonal, self.settings.tolerance)
             for key, family in store.families.items()
         }
-        searchers = _Searchers(store)
+        searchers = Searchers(store)
         clips = sum(len(batch) for batch in batches)
         gathered: dict[tuple[str, int], list[Representatives]] = {}
         waiting = done = 0
@@ -186,7 +185,7 @@ class _Job:
     def _grow(
         self,
         store: Store,
-        searchers: _Searchers,
+        searchers: Searchers,
         gathered: dict[tuple[str, int], list[Representatives]],
         radii: dict[str, float],
     ) -> None:
@@ -320,20 +319,6 @@ class _Job:
             if folder.is_dir():
                 sync(folder)
         publish(self.folder, Commit((*before.jobs, job)))
-
-
-class _Searchers:
-    """The patterns of every family and part for look-up, made when first asked for."""
-
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self._made: dict[tuple[str, int], NearestPatterns] = {}
-
-    def of(self, key: str, part: int) -> NearestPatterns:
-        if (key, part) not in self._made:
-            points = to_centimetres(self._store.patterns[key][part])
-            self._made[key, part] = NearestPatterns(points)
-        return self._made[key, part]
 
 
 def _lost_segments(batch: Sequence[Prepared]) -> Segmented:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from ..codec.clip import Clip
 from ..codec.errors import DamagedError
@@ -18,6 +19,9 @@ from ..codec.motionfile import MotionFile
 from ..codec.motionhead import read_references
 from ..codec.motionmodel import MotionModel, fixed_model, usual_span
 from ..codec.rig import Rig
+from .indexreader import read_index
+from .layout import index_path
+from .ledger import Ledger
 from .store import Store
 
 KEPT = 768  # decoded clips, some 200 KB each
@@ -36,6 +40,22 @@ class Shelf:
         self._find = find
         self._kept: OrderedDict[tuple[int, str, int], Reference] = OrderedDict()
         self._lock = threading.RLock()
+
+    @classmethod
+    def of(cls, archive: Path, store: Store, ledgers: Mapping[int, Ledger]) -> Shelf:
+        """Return the shelf of an archive folder."""
+        rows = [row for _, ledger in sorted(ledgers.items()) for row in ledger.rows]
+
+        def find(number: int) -> tuple[MotionFile, Rig]:
+            if number >= len(rows):
+                raise DamagedError(f"refers to clip {number} of {len(rows)}")
+            row = rows[number]
+            file = read_index(index_path(archive, row.index))
+            if not isinstance(file, MotionFile):
+                raise DamagedError(f"refers to {row.name}, an index file of version 1")
+            return file, store.rigs[row.rig]
+
+        return cls(store, find)
 
     def model(self, rig: Rig, generation: int) -> MotionModel:
         """Return the model that a rig's clips are coded with. Raises `DamagedError`."""

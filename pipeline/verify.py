@@ -9,7 +9,8 @@ from pathlib import Path
 from ..codec.encode import measure
 from ..codec.errors import DamagedError, InputError, MotifoldError
 from ..codec.formats.files import read_clip, source_bytes
-from .archive import Archive, ArchivedClip
+from .archive import Archive
+from .archived_clip import ArchivedClip
 from .durable import digest
 from .executors import Executor, map_batches
 from .layout import index_path

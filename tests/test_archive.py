@@ -26,7 +26,8 @@ from motifold.codec.errors import (
 )
 from motifold.codec.formats.files import read_clip
 from motifold.codec.kinematics import world_positions, world_rotations
-from motifold.pipeline.archive import Archive, ArchivedClip
+from motifold.pipeline.archive import Archive
+from motifold.pipeline.archived_clip import ArchivedClip
 from motifold.pipeline.clustering import ClusterRules
 from motifold.pipeline.commit import Commit
 from motifold.pipeline.plan import Settings

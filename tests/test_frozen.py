@@ -9,6 +9,7 @@ import pytest
 from oracle_files import file_errors
 
 from motifold.codec.decode import decode_integers
+from motifold.codec.index_file import IndexFile
 from motifold.pipeline import Archive
 from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.restore import restore_clips
@@ -31,6 +32,7 @@ def test_the_integers_are_the_ones_that_were_written(version: str) -> None:
     with Archive(FIXTURES / version / "archive") as archive:
         for clip in archive.values():
             index = clip.index()
+            assert isinstance(index, IndexFile)
             codebook = archive.codebook(clip.rig.family_key, index.generation)
             for part in decode_integers(index, clip.rig, codebook):
                 found.update(part.astype("<i8").tobytes())

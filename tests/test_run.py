@@ -336,6 +336,7 @@ def test_every_segment_is_within_the_radius_of_the_pattern_that_stands_for_it(
     grown: HalfAndAll,
 ) -> None:
     from motifold.codec.formats.files import read_clip
+    from motifold.codec.index_file import IndexFile
     from motifold.codec.layers import read_preview
     from motifold.codec.segments import most_frames
 
@@ -343,6 +344,7 @@ def test_every_segment_is_within_the_radius_of_the_pattern_that_stands_for_it(
     with Archive(grown.all) as archive:
         for clip in archive.values():
             index = clip.index()
+            assert isinstance(index, IndexFile)
             codebook = archive.codebook(clip.rig.family_key, index.generation)
             family = codebook.family
             preview, _ = read_preview(

@@ -171,7 +171,7 @@ def test_a_certificate_that_is_too_good_to_be_true_is_told(
 def test_a_certificate_outside_the_tolerance_of_its_job_is_told(
     small_archive: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from motifold.pipeline.archive import ArchivedClip
+    from motifold.pipeline.archived_clip import ArchivedClip
 
     monkeypatch.setattr(ArchivedClip, "tolerance", 0.001)
     assert all("outside 0.001 cm" in problem for problem in verified(small_archive).problems)

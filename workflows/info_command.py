@@ -12,7 +12,8 @@ from .console import show_json, show_table
 from .quantities import show_bytes, show_duration, show_length, show_ratio
 
 if TYPE_CHECKING:
-    from ..pipeline.archive import Archive, ArchivedClip
+    from ..pipeline.archive import Archive
+    from ..pipeline.archived_clip import ArchivedClip
 
 
 def info(

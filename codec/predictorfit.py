@@ -1,0 +1,127 @@
+"""Fitting linear prediction and basis of a motion model to closed-loop walks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .blockcoder import wanted
+from .blockcontext import UNIT_BITS, describe
+from .blockwalk import STEP_BITS
+from .clip import FloatArray, IntArray
+from .compiled import compiled
+from .motionmodel import (
+    BASIS_BITS,
+    WEIGHT_BITS,
+    MotionModel,
+    cosine_basis,
+    fold_features,
+    folded,
+)
+from .nodes import FOLLOWER, KIND, ROW
+from .recall import empty_memory
+from .samples import Manner, Sample, walked
+
+ROUNDING_SHARE = 0.015  # of the step: what rounding of one feature's weight may do
+BASIS_GRAIN = 11  # bits after the point that a learned basis keeps
+RIDGE = 3e-3  # of a feature's mean square
+LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
+
+
+def fit_predictors(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> MotionModel:
+    """Return the model with weights and bases fitted to closed-loop walks with the old one."""
+    features, channels = model.weights.shape[1:]
+    gram = np.zeros((model.rows, features, features))
+    cross = np.zeros((model.rows, features, channels))
+    square = np.zeros((model.rows, channels, channels))
+    seen = np.zeros(model.rows, np.int64)
+    nothing = empty_memory(model.rows, channels)
+    for sample in samples:
+        xs, ys = _gathered(sample, walked(sample, model, nothing, manner).state, model)
+        for node in range(sample.nodes.count):
+            if sample.nodes.table[node, KIND] == FOLLOWER:
+                continue
+            row = int(sample.nodes.table[node, ROW])
+            x, y = xs[node], ys[node]
+            gram[row] += x.T @ x
+            cross[row] += x.T @ y
+            square[row] += y.T @ y
+            seen[row] += len(x)
+    weights, basis = model.folded_weights.copy(), model.folded_basis.copy()
+    for row in np.flatnonzero(seen >= LEAST_BLOCKS).tolist():
+        scale = np.sqrt(np.diag(gram[row]) / seen[row]) + 1e-6
+        normal = gram[row] / np.outer(scale, scale) + RIDGE * seen[row] * np.eye(features)
+        solved = np.linalg.solve(normal, cross[row] / scale[:, None]) / scale[:, None]
+        fold = fold_features(model.span) / float(1 << BASIS_BITS)
+        usual = np.sqrt(np.einsum("ij,jk,ik->i", fold, gram[row], fold) / seen[row]) + 1e-6
+        weights[row] = folded(solved, model.span, _bits_to_drop(usual, manner.step))
+        fitted = replace(model, folded_weights=weights[row : row + 1]).weights[0]
+        fitted = fitted / (1 << WEIGHT_BITS)
+        left = square[row] - fitted.T @ cross[row] - cross[row].T @ fitted
+        left += fitted.T @ gram[row] @ fitted
+        basis[row] = _basis(left / seen[row], model.span)
+    return replace(model, folded_weights=weights, folded_basis=basis)
+
+
+def _bits_to_drop(usual: FloatArray, step: int) -> FloatArray:
+    """Return how many low bits of the features' weights may go; ``usual``: their sizes, cm.
+
+    What rounding moves a prediction by stays a small share of the step (2^-24 cm).
+    """
+    allowed = ROUNDING_SHARE * step / float(1 << STEP_BITS) / usual * (1 << WEIGHT_BITS)
+    return np.asarray(np.clip(np.floor(np.log2(np.maximum(allowed, 1.0))), 0, 11))
+
+
+def _basis(covariance: FloatArray, span: int) -> IntArray:
+    """Return the eigenvectors of a covariance as a folded basis, the largest first."""
+    _, vectors = np.linalg.eigh(covariance + 1e-12 * np.eye(len(covariance)))
+    rows = vectors.T[::-1] @ cosine_basis(span).T
+    signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
+    coarse = np.rint(rows * signs[:, None] * (1 << BASIS_GRAIN)).astype(np.int64)
+    return np.asarray(coarse << (BASIS_BITS - BASIS_GRAIN))
+
+
+def _gathered(sample: Sample, state: IntArray, model: MotionModel) -> tuple[FloatArray, FloatArray]:
+    """Return (features, signals) of all nodes and whole blocks, cm: (nodes, blocks, …)."""
+    frames = len(sample.goal)
+    blocks = max(frames - 1, 0) // model.span
+    count = sample.nodes.count
+    xs = np.zeros((count, blocks, model.weights.shape[1]))
+    ys = np.zeros((count, blocks, model.channels))
+    _gather(state, sample.goal, sample.nodes.table, model.span, model.lags, model.up, xs, ys)
+    return xs, ys
+
+
+@compiled
+def _gather(
+    state: IntArray,
+    goal: IntArray,
+    table: IntArray,
+    span: int,
+    lags: IntArray,
+    up: int,
+    xs: FloatArray,
+    ys: FloatArray,
+) -> None:
+    nodes, blocks, width = xs.shape
+    signals = np.zeros((nodes, span, 3), np.int64)
+    features = np.empty(width, np.int64)
+    goals = np.empty(3 * span, np.int64)
+    unit = float(1 << UNIT_BITS)
+    for block in range(blocks):
+        start = 1 + block * span
+        for node in range(nodes):
+            if table[node, KIND] == FOLLOWER:
+                continue
+            describe(state, table, node, start, span, lags, up, signals, features)
+            for f in range(width):
+                xs[node, block, f] = round(features[f] / unit * 256.0) / 256.0
+            wanted(state, goal, table, node, start, span, goals)
+            for c in range(3 * span):
+                ys[node, block, c] = round(goals[c] / unit * 256.0) / 256.0
+            # what the levels below will see of this one: its decoded motion
+            wanted(state, state, table, node, start, span, goals)
+            for c in range(3 * span):
+                signals[node, c // 3, c % 3] = goals[c]

@@ -1,0 +1,177 @@
+"""One clip of an open archive, which is read and decoded when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, Skeleton, SkeletonClip
+from ..codec.decode import Tier, decode
+from ..codec.errors import DamagedError, UsageError
+from ..codec.index_file import IndexFile
+from ..codec.kinematics import world_positions, world_rotations
+from ..codec.metrics import Errors
+from ..codec.motionfile import MotionFile
+from ..codec.partial import only_parts
+from ..codec.rig import Rig
+from ..codec.rotations import to_quaternions
+from .indexreader import read_index
+from .layout import index_path
+from .ledger import Row
+
+if TYPE_CHECKING:
+    from .archive import Archive
+
+
+@dataclass(frozen=True, eq=False)
+class ArchivedClip:
+    """One clip of an open archive. What it holds is read and decoded when it is asked for.
+
+    ``row`` and ``generation``: its ledger row and the job that archived it.
+    """
+
+    archive: Archive
+    row: Row
+    generation: int
+
+    @property
+    def name(self) -> str:
+        """The clip's name."""
+        return self.row.name
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.row.frames
+
+    @property
+    def rig(self) -> Rig:
+        """The rig that it was recorded on, with its body parts and file layout."""
+        return self.archive.rig(self.row.rig)
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The joints, parents and rest offsets (centimetres); of markers, a flat one."""
+        return self.rig.skeleton
+
+    @property
+    def frame_time(self) -> float:
+        """Seconds from one frame to the next."""
+        return self.rig.frame_time
+
+    @property
+    def seconds(self) -> float:
+        """Duration in seconds."""
+        return self.frames * self.frame_time
+
+    @property
+    def repairs(self) -> tuple[Repair, ...]:
+        """What the reader mended or assumed in the source file."""
+        return self.row.repairs
+
+    @property
+    def tolerance(self) -> float:
+        """The largest error, centimetres, that was allowed when it was archived."""
+        return float(self.archive.ledgers[self.generation].settings["tolerance"])
+
+    @property
+    def certificate(self) -> Errors:
+        """The errors, centimetres, that the encoder measured by decoding: never understated."""
+        return self.index(prefix_only=True).certificate
+
+    @property
+    def path(self) -> Path:
+        """Where its index file is."""
+        return index_path(self.archive.path, self.row.index)
+
+    def index(self, *, prefix_only: bool = False) -> IndexFile | MotionFile:
+        """Return the clip's index file, checked. Raises `DamagedError`."""
+        index = read_index(self.path, prefix_only=prefix_only)
+        if index.frames != self.row.frames or index.rig != self.row.rig:
+            raise DamagedError("is the index file of another clip", file=self.path)
+        return index
+
+    def decode(
+        self,
+        tier: Tier = "tolerance",
+        *,
+        parts: Collection[str] | None = None,
+        start: int = 0,
+        stop: int | None = None,
+    ) -> Clip:
+        """Return the clip, or the frames ``start`` to ``stop`` (exclusive) of it.
+
+        ``tier``: ``tolerance``, inside the certified error; or ``preview``, the patterns on
+        the exact root path, which reads only the first part of the index file. ``parts``:
+        names of body parts; the joints of all others are left at rest (markers: NaN), and the
+        work for them is not done. Raises `DamagedError` or `UsageError`.
+        """
+        index = self.index(prefix_only=tier == "preview")
+        try:
+            if isinstance(index, MotionFile):
+                return self._decoded(index, tier, parts, start, stop)
+            codebook = self.archive.codebook(self.rig.family_key, index.generation)
+            clip = decode(index, self.rig, codebook, tier=tier, parts=parts)
+        except DamagedError as problem:
+            raise problem.within(self.path) from problem
+        first, last, _ = slice(start, stop).indices(clip.frames)
+        return clip if (first, last) == (0, clip.frames) else clip.slice(first, last)
+
+    def _decoded(
+        self,
+        file: MotionFile,
+        tier: Tier,
+        parts: Collection[str] | None,
+        start: int,
+        stop: int | None,
+    ) -> Clip:
+        first, last, _ = slice(start, stop).indices(file.frames)
+        clip = self.archive.shelf.decode(
+            file, self.rig, core_only=tier == "preview", start=first, stop=last
+        )
+        return only_parts(clip.slice(first, max(first, last)), self.rig, parts)
+
+    @cached_property
+    def clip(self) -> Clip:
+        """The decoded clip (`SkeletonClip` or `MarkerClip`), kept once it was asked for."""
+        return self.decode()
+
+    @property
+    def rotations(self) -> FloatArray:
+        """(frames, joints, 3, 3) local rotation matrices. Raises `UsageError` for markers."""
+        return self._skeleton_clip().rotations
+
+    @property
+    def quaternions(self) -> FloatArray:
+        """(frames, joints, 4) local rotations as (w, x, y, z), w >= 0."""
+        return to_quaternions(self._skeleton_clip().rotations)
+
+    @property
+    def positions(self) -> FloatArray:
+        """(frames, joints or markers, 3) world positions, centimetres; NaN in gaps."""
+        clip = self.clip
+        if isinstance(clip, MarkerClip):
+            return clip.positions
+        world = world_rotations(clip.skeleton, clip.rotations)
+        return world_positions(clip.skeleton, world, clip.translations)
+
+    @property
+    def root_path(self) -> FloatArray:
+        """(frames, 3) world positions, centimetres, of the root part's reference joint.
+
+        Decoded from the first part of the index file only, at full precision.
+        """
+        root = self.rig.parts[0]
+        clip = self.decode("preview", parts=[root.name])
+        if isinstance(clip, MarkerClip):
+            return clip.positions[:, root.reference]
+        world = world_rotations(clip.skeleton, clip.rotations)
+        return world_positions(clip.skeleton, world, clip.translations)[:, root.reference]
+
+    def _skeleton_clip(self) -> SkeletonClip:
+        if isinstance(self.clip, MarkerClip):
+            raise UsageError(f"{self.name} holds markers, which have no rotations")
+        return self.clip
