@@ -8,24 +8,20 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from .clip import Clip, FloatArray, MarkerClip, SkeletonClip
-from .errors import UsageError
 from .metrics import clip_errors, marker_errors
-
-# Largest error over the allowed mean where no tolerance is given: a joint may not fly off.
-NO_BOUND = 100.0
 
 
 @dataclass(frozen=True)
 class Bounds:
     """What a person allows, centimetres.
 
-    ``tolerance``: the largest error of any joint, end site or marker, None for no such bound;
-    ``mean``: the mean error of a clip, None for no such bound. ``joints``: (pattern of joint
+    ``tolerance``: the largest error of any joint, end site or marker; ``mean``: the mean error
+    of a clip, None for no such bound. ``joints``: (pattern of joint
     names, tolerance); an end site goes with the joint that carries it. ``spans``: (from
     second, to second, tolerance). All hold at once.
     """
 
-    tolerance: float | None
+    tolerance: float
     mean: float | None = None
     joints: tuple[tuple[str, float], ...] = ()
     spans: tuple[tuple[float, float, float], ...] = ()
@@ -81,11 +77,8 @@ def uniform_limits(clip: Clip, tolerance: float, mean: float | None = None) -> L
 
 
 def limits_of(clip: Clip, bounds: Bounds) -> Limits:
-    """Return what ``bounds`` mean for a clip. Raises `UsageError` for a joint nobody has."""
-    largest = np.inf if bounds.tolerance is None else bounds.tolerance
-    if bounds.mean is not None:
-        largest = min(largest, NO_BOUND * bounds.mean)
-    limits = uniform_limits(clip, largest, bounds.mean)
+    """Return what ``bounds`` mean for a clip; those of joints that it does not have, nothing."""
+    limits = uniform_limits(clip, bounds.tolerance, bounds.mean)
     if bounds.plain:
         return limits
     if isinstance(clip, MarkerClip):
@@ -96,8 +89,6 @@ def limits_of(clip: Clip, bounds: Bounds) -> Limits:
     joints, frames = limits.joints.copy(), limits.frames.copy()
     for pattern, tolerance in bounds.joints:
         chosen = [fnmatchcase(owner, pattern) for owner in owners]
-        if not any(chosen):
-            raise UsageError(f"no joint or marker {pattern}", advice="See: motifold info")
         joints[chosen] = np.minimum(joints[chosen], tolerance)
     times = np.arange(clip.frames) * clip.frame_time
     for start, stop, tolerance in bounds.spans:

@@ -14,6 +14,7 @@ from .clip import BoolArray, Clip, FloatArray, IntArray, MarkerClip, SkeletonCli
 from .conform import conformed
 from .fixedpoint import ONE
 from .kinematics import local_rotations
+from .motifs import choose_motifs
 from .motionmodel import MotionModel
 from .nodes import KIND, PLACE, Nodes
 from .recall import Memory, joined, remember
@@ -59,6 +60,7 @@ class CodedRun:
     """One run at one step: its choices, and what they amount to."""
 
     start: Start
+    motifs: IntArray
     walk: Walk
 
 
@@ -98,7 +100,8 @@ def code_run(
             break
         fine += 1
     done = walk(goal, first, nodes, known.model, known.memory, yardstick, step, thrift, refine)
-    return CodedRun(Start(pose, fine, quantised), done)
+    motifs = choose_motifs(goal, nodes, known.poses)
+    return CodedRun(Start(pose, fine, quantised), motifs, done)
 
 
 def clip_of(rig: Rig, nodes: Nodes, states: Sequence[IntArray], seen: BoolArray | None) -> Clip:

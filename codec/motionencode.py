@@ -89,7 +89,8 @@ class MotionEncoder:
             excess = self._excess(clip, found, certificate, limits)
             if excess <= 1.0:
                 data = pack_motion(replace(file, certificate=certificate))
-                return EncodedMotion(data, certificate, decoded.nodes, decoded.states)
+                told = unpack_motion(data).certificate
+                return EncodedMotion(data, told, decoded.nodes, decoded.states)
             tightness *= 0.98 / excess
         raise GuaranteeError(
             f"no quantiser step brings the clip inside {limits.least:g} cm",
@@ -154,7 +155,9 @@ class MotionEncoder:
         known: Known,
         runs: list[CodedRun],
     ) -> MotionFile:
-        streams = [write_run(known, step_units(code), run.start, run.walk) for run in runs]
+        streams = [
+            write_run(known, step_units(code), run.start, run.motifs, run.walk) for run in runs
+        ]
         return MotionFile(
             rig_number,
             self.generation,

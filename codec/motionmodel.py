@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from .blockcontext import feature_count
 from .clip import FloatArray, IntArray
+from .rig import Rig
 
 WEIGHT_BITS = 12
 BASIS_BITS = 14
@@ -83,6 +84,11 @@ def usual_span(frame_time: float) -> int:
     """Return how many frames a block has: about an eighth of a second, a power of two."""
     rate = 1.0 / frame_time
     return 4 if rate < 45.0 else 8 if rate < 180.0 else 16
+
+
+def model_key(rig: Rig) -> str:
+    """Return the key of the model that a rig's clips share: its family and its frame rate."""
+    return f"{rig.family_key}-{usual_span(rig.frame_time)}"
 
 
 def usual_lags(span: int) -> IntArray:

@@ -32,7 +32,8 @@ class Nodes:
     the node itself is it or comes before it), ``AXES``, the turn whose last decoded axes a
     place is measured in (-1: those of the world, or of the parent joint); ``LEVER``, in 1/16
     cm per radian, or 1/16 for places; ``JOINT``. ``levels``: (levels + 1,) borders between
-    them. ``top``, ``path``: the nodes of the first turn and of the root's path, or -1.
+    them. ``top``, ``path``: the nodes of the first turn and of the root's path, or -1; of
+    markers, the path is the root part's reference marker.
     """
 
     table: IntArray
@@ -155,7 +156,8 @@ def marker_nodes(family: Family) -> Nodes:
         for marker in order
     ]
     borders = _borders([level[marker] for marker in order])
-    return Nodes(np.array(table, np.int64).reshape(-1, 7), borders, -1, -1)
+    root = number[parts[0].reference]
+    return Nodes(np.array(table, np.int64).reshape(-1, 7), borders, -1, root)
 
 
 def _borders(levels: list[int]) -> IntArray:

@@ -18,6 +18,7 @@ from .clip import IntArray
 from .compiled import compiled
 from .entropy import SymbolReader, SymbolWriter
 from .errors import DamagedError
+from .motifs import preview_state, read_motifs, write_motifs
 from .motionmodel import MotionModel
 from .nodes import FOLLOWER, KIND, Nodes
 from .recall import FollowArray, KeyArray, Memory
@@ -54,14 +55,17 @@ def core_nodes(nodes: Nodes) -> list[int]:
     return sorted(node for node in {nodes.top, nodes.path} if node >= 0)
 
 
-def write_run(known: Known, step: int, start: Start, walk: Walk) -> tuple[bytes, bytes]:
-    """Return the core and the rest of a run."""
+def write_run(
+    known: Known, step: int, start: Start, motifs: IntArray, walk: Walk
+) -> tuple[bytes, bytes]:
+    """Return the core and the rest of a run; ``motifs``: see `motifs`."""
     nodes = known.nodes
     core, rest = SymbolWriter(), SymbolWriter()
     core.uniform([start.pose], len(known.poses))
     core.number(start.fine)
     classes = start_classes(nodes, known.model, start.pose, step, start.fine)
     core.sized(start.quantised.ravel(), classes.ravel())
+    write_motifs(core, motifs, len(known.poses))
     in_core = core_nodes(nodes)
     others = [
         node
@@ -83,8 +87,8 @@ def write_run(known: Known, step: int, start: Start, walk: Walk) -> tuple[bytes,
 def read_run(known: Known, step: int, frames: int, core: bytes, rest: bytes | None) -> IntArray:
     """Return the decoded state (frames, nodes, 4) of a run.
 
-    Without ``rest`` only the core is read, and all other coefficients are taken as 0: what is
-    expected of the figure on its path. Raises `DamagedError`.
+    Without ``rest`` only the core is read: the figure's exact path, and its motifs for the
+    rest of the body. Raises `DamagedError`.
     """
     nodes, model = known.nodes, known.model
     reader = SymbolReader(core)
@@ -98,6 +102,7 @@ def read_run(known: Known, step: int, frames: int, core: bytes, rest: bytes | No
     blocks = -(-(frames - 1) // model.span)
     state = np.zeros((1 + blocks * model.span, nodes.count, 4), np.int64)
     begin(state, nodes, known.poses, Start(number, fine, differences), step)
+    motifs = read_motifs(reader, frames, len(known.poses))
     refined = bool(reader.uniform(1, 2)[0])
     walker = _Walker(known, state, step)
     in_core = core_nodes(nodes)
@@ -109,15 +114,20 @@ def read_run(known: Known, step: int, frames: int, core: bytes, rest: bytes | No
             if not 0 <= fine <= MOST_FINE:
                 raise DamagedError(f"claims a block refined {fine} times")
         for group in groups:
+            if other is None and group[0] not in in_core:
+                continue
             source = reader if group[0] in in_core else other
             coded = nodes.table[group[0], KIND] != FOLLOWER
             if coded:
                 walker.expect(group, block, fine)
-            if coded and source is not None:
+            if coded:
+                assert source is not None
                 kinds = walker.classes[: len(group)]
                 walker.quantised[group] = source.sized(kinds.ravel()).reshape(kinds.shape)
             walker.settle(group, block, fine)
         walker.next()
+    if other is None:
+        return preview_state(state[:frames], nodes, in_core, known.poses, motifs)
     return state[:frames]
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .motiongoal import Goal
+from .clip import IntArray
 from .motionmodel import fixed_model, usual_span
-from .nodes import FOLLOWER, KIND, ROW
+from .nodes import FOLLOWER, KIND, ROW, Nodes
 from .recall import FAR, remember
 from .rig import Rig
 
@@ -18,22 +18,21 @@ STRIDE = 4  # remembered moments from one sketched moment to the next
 Sketch = npt.NDArray[np.float32]
 
 
-def sketch_of(goal: Goal, rig: Rig) -> Sketch:
+def sketch_of(path: IntArray, nodes: Nodes, rig: Rig) -> Sketch:
     """Return (moments, 24) numbers whose distances are like those of whole-body motion.
 
-    What retrieval compares of every node, projected by fixed random signs (Johnson and
-    Lindenstrauss): distances survive, and clips need not share their varying joints.
+    ``path``: (frames, nodes, 4) turns and places. What retrieval compares of every node,
+    projected by fixed random signs (Johnson and Lindenstrauss): distances survive, and clips
+    need not share their varying joints.
     """
     rows = 2 * rig.skeleton.joints
     span = usual_span(rig.frame_time)
     model = fixed_model(rows, span)
     nothing = np.zeros_like(model.weights)
-    memory = remember(
-        goal.path, len(goal.path), goal.nodes.table, span, model.lags, model.up, nothing
-    )
+    memory = remember(path, len(path), nodes.table, span, model.lags, model.up, nothing)
     keys = memory.keys[:, ::STRIDE, :COMPARED].astype(np.float64)
     keys[keys == FAR] = 0.0
-    active = goal.nodes.table[goal.nodes.table[:, KIND] != FOLLOWER, ROW]
+    active = nodes.table[nodes.table[:, KIND] != FOLLOWER, ROW]
     flat = np.zeros((rows, keys.shape[1], COMPARED))
     flat[active] = keys[active]
     signs = np.random.default_rng(rows).choice([-1.0, 1.0], (rows * COMPARED, SKETCH_NUMBERS))

@@ -16,6 +16,7 @@ from .fixedpoint import ONE, Turn, between, log2_of, product, turn_of, unit
 from .motionmodel import MotionModel
 from .nodes import FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, Nodes
 from .quaternionlog import vector_to
+from .quaternions import multiply
 from .rig import CENTRE_SCALE, Family, Rig
 from .sizeclasses import class_of
 
@@ -182,15 +183,4 @@ def nearest_pose(goal: IntArray, nodes: Nodes, poses: IntArray) -> int:
 
 def _relative(own: IntArray, above: IntArray) -> FloatArray:
     """Return quaternions (…, 4) of ``own`` in the axes of ``above``."""
-    a, b = above / ONE * np.array([1, -1, -1, -1]), own / ONE
-    w, x, y, z = (a[..., i] for i in range(4))
-    p, q, r, s = (b[..., i] for i in range(4))
-    return np.stack(
-        [
-            w * p - x * q - y * r - z * s,
-            w * q + x * p + y * s - z * r,
-            w * r - x * s + y * p + z * q,
-            w * s + x * r - y * q + z * p,
-        ],
-        axis=-1,
-    )
+    return multiply(above / ONE * np.array([1.0, -1.0, -1.0, -1.0]), own / ONE)

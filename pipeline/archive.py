@@ -132,6 +132,11 @@ class Archive(Mapping[str, "ArchivedClip"]):
             return self._codebooks[family, generation]
 
     @property
+    def numbered(self) -> list[Row]:
+        """The rows of all jobs by clip number, replaced ones too."""
+        return [row for _, ledger in sorted(self.ledgers.items()) for row in ledger.rows]
+
+    @property
     def shelf(self) -> Shelf:
         """The decoded clips that others refer to."""
         store, ledgers = self.store, self.ledgers

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, Skeleton, SkeletonClip
 from ..codec.decode import Tier, decode
@@ -15,15 +15,35 @@ from ..codec.index_file import IndexFile
 from ..codec.kinematics import world_positions, world_rotations
 from ..codec.metrics import Errors
 from ..codec.motionfile import MotionFile
+from ..codec.motionhead import read_references
 from ..codec.partial import only_parts
+from ..codec.patterns import Codebook
 from ..codec.rig import Rig
 from ..codec.rotations import to_quaternions
 from .indexreader import read_index
 from .layout import index_path
-from .ledger import Row
+from .ledger import Ledger, Row
+from .shelf import Shelf
 
-if TYPE_CHECKING:
-    from .archive import Archive
+
+class Opened(Protocol):
+    """What a clip needs of the archive that it is in."""
+
+    path: Path
+
+    @property
+    def ledgers(self) -> dict[int, Ledger]:
+        """The ledgers of all jobs, by generation."""
+
+    @property
+    def shelf(self) -> Shelf:
+        """The decoded clips that others refer to."""
+
+    def codebook(self, family: str, generation: int) -> Codebook:
+        """Return a rig family's patterns as of a generation."""
+
+    def rig(self, number: int) -> Rig:
+        """Return a rig by its number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +53,7 @@ class ArchivedClip:
     ``row`` and ``generation``: its ledger row and the job that archived it.
     """
 
-    archive: Archive
+    archive: Opened
     row: Row
     generation: int
 
@@ -78,6 +98,12 @@ class ArchivedClip:
         return float(self.archive.ledgers[self.generation].settings["tolerance"])
 
     @property
+    def mean_tolerance(self) -> float | None:
+        """The mean error, centimetres, that was allowed when it was archived, or None."""
+        mean = self.archive.ledgers[self.generation].settings.get("mean_tolerance")
+        return None if mean is None else float(mean)
+
+    @property
     def certificate(self) -> Errors:
         """The errors, centimetres, that the encoder measured by decoding: never understated."""
         return self.index(prefix_only=True).certificate
@@ -110,6 +136,8 @@ class ArchivedClip:
         work for them is not done. Raises `DamagedError` or `UsageError`.
         """
         index = self.index(prefix_only=tier == "preview")
+        if tier == "preview" and isinstance(index, MotionFile) and not read_references(index.head):
+            index, tier = self.index(), "tolerance"  # nothing to look like: it shows itself
         try:
             if isinstance(index, MotionFile):
                 return self._decoded(index, tier, parts, start, stop)

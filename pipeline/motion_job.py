@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
 
@@ -12,18 +12,21 @@ from ..codec.learning import learn
 from ..codec.limits import Bounds
 from ..codec.modelfile import write_model
 from ..codec.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
-from ..codec.motionmodel import MotionModel, fixed_model, usual_span
+from ..codec.motionmodel import MotionModel, fixed_model, model_key, usual_span
 from ..codec.recall import empty_memory
-from ..codec.rig import Family, Rig
+from ..codec.rig import Family
 from ..codec.samples import Manner, Sample, walked
 from ..codec.sketch import Sketch
 from ..codec.startpose import usual_pose
+from .archive import Archive
 from .executors import Executor, map_batches
 from .ledger import Failure
 from .motion_tasks import (
     Assignment,
+    Recalled,
     encode_assigned,
     lost_sketches,
+    recall_batch,
     sample_of,
     sketch_batch,
 )
@@ -31,6 +34,7 @@ from .plan import BATCH_CLIPS, Settings
 from .references import ReferenceFinder, levels_of
 from .tasks import EncodedBatch, EncodedClip, Prepared, lost_failures
 
+MOST_EARLIER = 512  # clips of earlier jobs that a job's clips may refer to
 SAMPLE_CLIPS = 240  # that a model is learned from at the most
 LEAST_CLIPS = 8  # fewer are not worth learning from
 REFERENCES = 8
@@ -38,19 +42,10 @@ COARSE = 0.4  # centimetres of a step, from which blocks are twice as long
 SCRATCH = ".scratch"
 
 
-def model_key(rig: Rig) -> str:
-    """Return the key of the model that a rig's clips share: its family and frame rate."""
-    return f"{rig.family_key}-{usual_span(rig.frame_time)}"
-
-
 def likely_step(bounds: Bounds) -> float:
     """Return about the step, centimetres, that clips will be coded at."""
-    steps = []
-    if bounds.tolerance is not None:
-        steps.append(LARGEST_STEP * bounds.tolerance)
-    if bounds.mean is not None:
-        steps.append(MEAN_STEP * bounds.mean)
-    return min(steps)
+    step = LARGEST_STEP * bounds.tolerance
+    return step if bounds.mean is None else min(step, MEAN_STEP * bounds.mean)
 
 
 @dataclass
@@ -70,6 +65,7 @@ class MotionJob:
     folder: Path
     failures: list[Failure] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
+    numbered: int = 0
 
     def run(
         self, batches: Sequence[tuple[Prepared, ...]], tell: Callable[[str, int, int], None]
@@ -83,13 +79,29 @@ class MotionJob:
             self.seconds["sketch"] = monotonic() - began
             items = {item.source.name: item for batch in batches for item in batch}
             groups: dict[str, list[str]] = {}
+            twins: dict[str, list[str]] = {}
+            firsts: dict[tuple[str, int], str] = {}
             for name in sorted(sketches):
+                item = items[name]
+                first = firsts.setdefault((item.digest, item.rig_number), name)
+                if first != name:  # the same file once more: it shares the index file
+                    twins.setdefault(first, []).append(name)
+                    continue
                 groups.setdefault(model_key(items[name].rig), []).append(name)
             self._learn(groups, items, sketches)
             self.seconds["learn"] = monotonic() - began - self.seconds["sketch"]
             began = monotonic()
-            plan = self._assigned(groups, sketches)
-            yield from self._encoded(plan, items, scratch, tell)
+            earlier = self._recalled(groups, scratch)
+            plan = self._assigned(groups, sketches, items, earlier)
+            for item, encoded in self._encoded(plan, items, scratch, tell):
+                yield item, encoded
+                for twin in twins.get(encoded.name, ()):
+                    self.numbered += 1
+                    yield items[twin], replace(encoded, name=twin)
+            failed = {failure.name: failure.reason for failure in self.failures}
+            for name, others in twins.items():
+                if name in failed:
+                    self.failures += [Failure(twin, failed[name]) for twin in others]
             self.seconds["encode"] = monotonic() - began
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
@@ -144,15 +156,44 @@ class MotionJob:
             if frames and saved / 8.0 * share > len(write_model(model)):
                 self.models[key] = self.generation, model
 
+    def _recalled(
+        self, groups: Mapping[str, list[str]], scratch: Path
+    ) -> dict[str, dict[int, Sketch]]:
+        """Decode clips of earlier jobs for the new ones; return their sketches by model key."""
+        found: dict[str, dict[int, Sketch]] = {}
+        if not self.first or not groups:
+            return found
+        archive = Archive(self.folder)
+        keys = {number: model_key(rig) for number, rig in enumerate(archive.store.rigs)}
+        for key in sorted(groups):
+            own = [n for n, row in enumerate(archive.numbered) if keys[row.rig] == key]
+            chosen = own[:: -(-len(own) // MOST_EARLIER)] if own else []
+            batches = [
+                tuple(chosen[at : at + BATCH_CLIPS]) for at in range(0, len(chosen), BATCH_CLIPS)
+            ]
+            models = {key: self.models[key][1]}
+            found[key] = {}
+            for _, result in map_batches(
+                self.engine, recall_batch, batches, archive, models, str(scratch), lost=_none
+            ):
+                found[key].update(result.clips)
+        return found
+
     def _assigned(
-        self, groups: Mapping[str, list[str]], sketches: Mapping[str, Sketch]
-    ) -> list[list[tuple[str, list[str]]]]:
-        """Return, per level, clips with the names of those they refer to."""
-        levels: list[list[tuple[str, list[str]]]] = []
-        for names in groups.values():
+        self,
+        groups: Mapping[str, list[str]],
+        sketches: Mapping[str, Sketch],
+        items: Mapping[str, Prepared],
+        earlier: Mapping[str, Mapping[int, Sketch]],
+    ) -> list[list[tuple[str, list[str | int]]]]:
+        """Return, per level, clips with those that they refer to: names, or earlier numbers."""
+        levels: list[list[tuple[str, list[str | int]]]] = []
+        for key, names in groups.items():
             level = levels_of(len(names), self.settings.seed)
             finder = ReferenceFinder(REFERENCES)
-            order: list[str] = []
+            before = earlier.get(key, {})
+            order: list[str | int] = [*before]
+            finder.add([*before.values()])
             for number in range(int(level.max(initial=0)) + 1):
                 if number == len(levels):
                     levels.append([])
@@ -166,7 +207,7 @@ class MotionJob:
 
     def _encoded(
         self,
-        levels: list[list[tuple[str, list[str]]]],
+        levels: list[list[tuple[str, list[str | int]]]],
         items: Mapping[str, Prepared],
         scratch: Path,
         tell: Callable[[str, int, int], None],
@@ -181,8 +222,12 @@ class MotionJob:
         for level in levels:
             work = []
             for name, chosen in level:
-                known = sorted((numbers[other], other) for other in chosen if other in numbers)
-                references = tuple((number, f"{number}.npz") for number, _ in known)
+                known = sorted(
+                    numbers[other] if isinstance(other, str) else other
+                    for other in chosen
+                    if isinstance(other, int) or other in numbers
+                )
+                references = tuple((number, f"{number}.npz") for number in known)
                 work.append((items[name], references, name in wanted))
             # a clip's own number is not known yet, so what it leaves goes by its source's digest
             assignments = [
@@ -210,7 +255,8 @@ class MotionJob:
                 self.failures += result.failures
                 for encoded in result.clips:
                     item = items[encoded.name]
-                    number = self.first + len(numbers)
+                    number = self.first + self.numbered
+                    self.numbered += 1
                     numbers[encoded.name] = number
                     left = scratch / f"{item.digest}.npz"
                     if left.exists():
@@ -223,6 +269,11 @@ class MotionJob:
 def _bits(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> float:
     nothing = empty_memory(model.rows, model.channels)
     return sum(walked(sample, model, nothing, manner).bits for sample in samples)
+
+
+def _none(numbers: Sequence[int]) -> Recalled:
+    del numbers
+    return Recalled()
 
 
 def _lost(batch: Sequence[Assignment]) -> EncodedBatch:

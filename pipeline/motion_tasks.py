@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,16 +15,22 @@ from ..codec.formats.files import read_clip, source_bytes
 from ..codec.limits import limits_of
 from ..codec.motioncodec import Reference, reference_of
 from ..codec.motionencode import MotionEncoder
+from ..codec.motionfile import MotionFile
 from ..codec.motiongoal import goal_of
+from ..codec.motionmodel import MotionModel, model_key
 from ..codec.recall import Memory
 from ..codec.rig import Family
 from ..codec.samples import Sample
 from ..codec.sketch import Sketch, sketch_of
+from .archive import Archive
 from .durable import digest
+from .indexreader import read_index
+from .layout import index_path
 from .ledger import Failure
 from .plan import Settings
 from .tasks import EncodedBatch, EncodedClip, Prepared, attempt, lost_failures
 
+DEEPEST_REFERENCE = 6  # levels below a clip that others may refer to
 CACHED_REFERENCES = 512  # a worker keeps so many decoded clips that others refer to
 
 
@@ -60,7 +67,7 @@ def sketch_batch(
             clip = read_clip(item.source.path, settings.units)
             family = families[item.rig.family_key]
             goal = goal_of(clip, item.rig, family, limits_of(clip, settings.bounds))
-            return sketch_of(goal, item.rig)
+            return sketch_of(goal.path, goal.nodes, item.rig)
 
         made = attempt(item.source.name, out.failures, sketch)
         if made is not None:
@@ -73,6 +80,40 @@ def sample_of(item: Prepared, family: Family, settings: Settings) -> Sample:
     clip = read_clip(item.source.path, settings.units)
     goal = goal_of(clip, item.rig, family, limits_of(clip, settings.bounds))
     return Sample(goal.path, goal.path[:1], goal.nodes, goal.yardstick)
+
+
+@dataclass(eq=False)
+class Recalled:
+    """The result of `recall_batch`: sketches by clip number."""
+
+    clips: dict[int, Sketch] = field(default_factory=dict)
+
+
+def recall_batch(
+    numbers: tuple[int, ...],
+    archive: Archive,
+    models: Mapping[str, MotionModel],
+    scratch: str,
+) -> Recalled:
+    """Decode clips of earlier jobs that new ones may refer to, and leave them for the workers.
+
+    ``models``: by key, those that the new clips are coded with. Clips that are too deep in the
+    graph of references, or damaged, are left out.
+    """
+    out = Recalled()
+    rows = archive.numbered
+    for number in numbers:
+        with suppress(MotifoldError):
+            file = read_index(index_path(archive.path, rows[number].index))
+            rig = archive.rig(rows[number].rig)
+            if not isinstance(file, MotionFile) or archive.shelf.depth(file) >= DEEPEST_REFERENCE:
+                continue
+            decoded = archive.shelf.states(file, rig)
+            offered = reference_of(decoded.states, decoded.nodes, models[model_key(rig)])
+            save_reference(Path(scratch) / f"{number}.npz", offered)
+            whole = np.concatenate(decoded.states)
+            out.clips[number] = sketch_of(whole, decoded.nodes, rig)
+    return out
 
 
 def encode_assigned(

@@ -21,12 +21,12 @@ BATCH_BYTES = 16 << 20  # of source files
 class Settings:
     """What a job promises and how it works.
 
-    ``tolerance``: largest error of every clip, centimetres; ``mean_tolerance``: largest mean
-    error of every clip, which then takes its place. ``units``: length unit to assume
-    for all files (None: as each file says, or estimated). ``seed``: of the random choices
-    that clustering by average error makes, and of which clips others are predicted from.
-    ``codec``: ``patterns`` writes index files of version 1, ``learned`` of version 2. Raises
-    `UsageError`.
+    ``tolerance``: largest error of every clip, ``mean_tolerance``: largest mean error of every
+    clip, ``joint_tolerances`` and ``span_tolerances``: see `limits.Bounds`; centimetres.
+    ``units``: length unit to assume for all files (None: as each says, or estimated).
+    ``seed``: of the random choices that clustering by average error makes, and of which clips
+    others are predicted from. ``codec``: ``patterns`` writes index files of version 1,
+    ``learned`` of version 2. Raises `UsageError`.
     """
 
     tolerance: float = 0.1
@@ -34,8 +34,10 @@ class Settings:
     segments: SegmentRules = field(default_factory=SegmentRules)
     clusters: ClusterRules = field(default_factory=ClusterRules)
     seed: int = 0
-    codec: Literal["patterns", "learned"] = "patterns"
+    codec: Literal["patterns", "learned"] = "learned"
     mean_tolerance: float | None = None
+    joint_tolerances: tuple[tuple[str, float], ...] = ()
+    span_tolerances: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not 1e-4 <= self.tolerance <= 1000.0:
@@ -43,21 +45,52 @@ class Settings:
                 f"a tolerance of {self.tolerance:g} cm cannot be kept",
                 advice="Choose from 0.001mm to 10m",
             )
+        for value in (self.mean_tolerance, *(bound[-1] for bound in self._local)):
+            if value is not None and not 1e-4 <= value <= 1000.0:
+                raise UsageError(
+                    f"a bound of {value:g} cm cannot be kept", advice="Choose from 0.001mm to 10m"
+                )
+        if self.codec not in ("patterns", "learned"):
+            raise UsageError(f"unknown codec {self.codec!r}", advice="Use learned or patterns")
+        if self.codec == "patterns" and (self.mean_tolerance is not None or self._local):
+            raise UsageError("the codec of version 1 bounds the largest error only")
         if self.units is not None:
             parse_units(self.units)
         if not 0 <= self.seed < 1 << 32:
             raise UsageError(f"a seed of {self.seed}", advice="Choose from 0 to 4294967295")
 
     @property
+    def _local(self) -> tuple[tuple[Any, ...], ...]:
+        return (*self.joint_tolerances, *self.span_tolerances)
+
+    @property
     def bounds(self) -> Bounds:
         """What every clip must keep."""
-        if self.mean_tolerance is not None:
-            return Bounds(None, self.mean_tolerance)
-        return Bounds(self.tolerance)
+        return Bounds(
+            self.tolerance, self.mean_tolerance, self.joint_tolerances, self.span_tolerances
+        )
+
+    def covers(self, other: dict[str, Any]) -> bool:
+        """Return whether clips archived under the settings ``other`` are good enough for these."""
+        mean = other.get("mean_tolerance")
+        return bool(
+            other["tolerance"] <= self.tolerance
+            and other["units"] == self.units
+            and (self.mean_tolerance is None or (mean is not None and mean <= self.mean_tolerance))
+            and _pairs(other.get("joint_tolerances", ())) == _pairs(self.joint_tolerances)
+            and _pairs(other.get("span_tolerances", ())) == _pairs(self.span_tolerances)
+        )
 
     def to_record(self) -> dict[str, Any]:
         """Return the settings as JSON-serialisable values."""
-        return asdict(self)
+        record = asdict(self)
+        for name in ("joint_tolerances", "span_tolerances"):
+            record[name] = [list(bound) for bound in record[name]]
+        return record
+
+
+def _pairs(values: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
+    return [tuple(value) for value in values]
 
 
 @dataclass(frozen=True)

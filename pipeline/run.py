@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 from ..codec.anyfile import check_whole
 from ..codec.bodyparts import PartsFile
 from ..codec.encode import Encoder
-from ..codec.errors import DamagedError
+from ..codec.errors import DamagedError, UsageError
 from .clustering import Representatives, grow
 from .commit import Commit, Job, publish, read_or_start
 from .discover import discover
@@ -97,7 +97,7 @@ class _Job:
         known = {
             name: row.source
             for name, (row, made) in current_rows(ledgers).items()
-            if self._good_enough(ledgers[made].settings)
+            if self.settings.covers(ledgers[made].settings)
         }
 
         with self.report.timed("survey"):
@@ -121,11 +121,6 @@ class _Job:
         self.report.archive_bytes = folder_bytes(self.folder)
         self.report.archive_bytes -= (self.folder / ".writer.lock").stat().st_size
         return self.report
-
-    def _good_enough(self, settings: dict[str, Any]) -> bool:
-        """Return whether clips archived under ``settings`` need no archiving under ours."""
-        ours = self.settings
-        return bool(settings["tolerance"] <= ours.tolerance and settings["units"] == ours.units)
 
     def _new_failures(self, ledgers: dict[int, Ledger]) -> bool:
         """Return whether a file failed that the last job does not tell of."""
@@ -243,6 +238,10 @@ class _Job:
         generation: int,
     ) -> None:
         """Encode with index files of version 2; see `motion_job`."""
+        for pattern, _ in self.settings.joint_tolerances:
+            names = [name for rig in store.rigs for name in rig.skeleton.names]
+            if not any(fnmatchcase(name, pattern) for name in names):
+                raise UsageError(f"no joint or marker {pattern}", advice="See: motifold info")
         job = MotionJob(
             self.engine,
             self.settings,

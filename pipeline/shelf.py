@@ -14,10 +14,10 @@ from pathlib import Path
 from ..codec.clip import Clip
 from ..codec.errors import DamagedError
 from ..codec.motioncodec import Reference, reference_of
-from ..codec.motiondecode import decode_motion, decode_states
+from ..codec.motiondecode import Decoded, decode_motion, decode_states
 from ..codec.motionfile import MotionFile
 from ..codec.motionhead import read_references
-from ..codec.motionmodel import MotionModel, fixed_model, usual_span
+from ..codec.motionmodel import MotionModel, fixed_model, model_key, usual_span
 from ..codec.rig import Rig
 from .indexreader import read_index
 from .layout import index_path
@@ -39,6 +39,7 @@ class Shelf:
         self._store = store
         self._find = find
         self._kept: OrderedDict[tuple[int, str, int], Reference] = OrderedDict()
+        self._depths: dict[int, int] = {}
         self._lock = threading.RLock()
 
     @classmethod
@@ -61,8 +62,7 @@ class Shelf:
         """Return the model that a rig's clips are coded with. Raises `DamagedError`."""
         if generation == 0:
             return fixed_model(2 * rig.skeleton.joints, usual_span(rig.frame_time))
-        key = f"{rig.family_key}-{usual_span(rig.frame_time)}"
-        model = self._store.models.get((key, generation))
+        model = self._store.models.get((model_key(rig), generation))
         if model is None:
             raise DamagedError(f"generation {generation} has no motion model for its rig")
         return model
@@ -83,6 +83,26 @@ class Shelf:
         return decode_motion(
             file, rig, family, model, references, core_only=core_only, start=start, stop=stop
         )
+
+    def states(self, file: MotionFile, rig: Rig) -> Decoded:
+        """Return an index file decoded in whole numbers. Raises `DamagedError`."""
+        model, family = self.model(rig, file.generation), self._store.families[rig.family_key]
+        references = self._references(file, rig, file.generation, 0)
+        return decode_states(file, rig, family, model, references)
+
+    def depth(self, file: MotionFile) -> int:
+        """Return how many levels of clips must be decoded before a file. Raises `DamagedError`."""
+        return self._depth(file, 0)
+
+    def _depth(self, file: MotionFile, above: int) -> int:
+        if above > DEEPEST:
+            raise DamagedError("its references go in a circle")
+        deepest = 0
+        for number in read_references(file.head):
+            if number not in self._depths:
+                self._depths[number] = self._depth(self._find(number)[0], above + 1)
+            deepest = max(deepest, self._depths[number] + 1)
+        return deepest
 
     def _references(
         self, file: MotionFile, rig: Rig, generation: int, depth: int

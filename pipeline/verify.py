@@ -17,6 +17,7 @@ from .layout import index_path
 from .store import check_generation
 
 BATCH_CLIPS = 32
+ROUNDED_UP = 1.05  # how much index files may overstate the mean error
 
 
 @dataclass
@@ -118,6 +119,12 @@ def _verify_clip(clip: ArchivedClip, decode: bool, library: str | None, found: V
     worst = index.certificate.maximum
     if worst > clip.tolerance:
         raise DamagedError(f"certifies {worst:g} cm, outside {clip.tolerance:g} cm", file=clip.path)
+    mean = clip.mean_tolerance
+    if mean is not None and index.certificate.mean > ROUNDED_UP * mean:
+        raise DamagedError(
+            f"certifies a mean of {index.certificate.mean:g} cm, outside {mean:g} cm",
+            file=clip.path,
+        )
     if decode or library is not None:
         decoded = clip.decode()
         found.decoded += 1

@@ -246,7 +246,7 @@ def test_restore_has_formats_and_tiers(small_archive: Path, tmp_path: Path) -> N
     done = said("restore", small_archive, *words)
     with np.load(done["files"][name]) as preview:
         away = np.linalg.norm(preview["positions"] - positions, axis=2)
-    assert 0.1 < away.max() < 50
+    assert 0.1 < away.max() < 100
     assert away[:, 0].max() < 1e-9, "the root path is exact"
 
 

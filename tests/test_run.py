@@ -89,7 +89,10 @@ def assert_whole(archive: Path, names: list[str]) -> None:
 class HalfAndAll:
     """Archives of the clips of some actors in a library, and of those and all others."""
 
-    def __init__(self, base: Path, names: list[str], small_library: Path) -> None:
+    def __init__(
+        self, base: Path, names: list[str], small_library: Path, codec: str = "learned"
+    ) -> None:
+        settings = Settings(codec=codec)  # type: ignore[arg-type]
         self.names, self.first = names, [name for name in names if re.search("actor[1357]", name)]
         assert len(self.first) == len(names) // 2
         self.library = base / "library"
@@ -97,17 +100,23 @@ class HalfAndAll:
         for name in self.first:
             shutil.copy(small_library / name, self.library)
         self.half, self.all = base / "half", base / "all"
-        archive_library(self.library, self.half, workers=0)
+        archive_library(self.library, self.half, settings, workers=0)
         for name in self.names:
             shutil.copy(small_library / name, self.library)
         copied(self.half, self.all)
-        self.report = archive_library(self.library, self.all, workers=0)
+        self.report = archive_library(self.library, self.all, settings, workers=0)
 
 
 @pytest.fixture(scope="module")
 def grown(tmp_path_factory: pytest.TempPathFactory, small_library: Path) -> HalfAndAll:
     names = sorted(path.name for path in small_library.iterdir())
     return HalfAndAll(tmp_path_factory.mktemp("grown"), names, small_library)
+
+
+@pytest.fixture(scope="module")
+def patterned(tmp_path_factory: pytest.TempPathFactory, small_library: Path) -> HalfAndAll:
+    names = sorted(path.name for path in small_library.iterdir())
+    return HalfAndAll(tmp_path_factory.mktemp("patterned"), names, small_library, "patterns")
 
 
 @pytest.fixture(scope="module")
@@ -130,9 +139,16 @@ def test_every_clip_is_inside_the_tolerance_and_counted(
     assert not (small_archive / LOCK).exists()
 
 
-def test_the_report_adds_up(small_library: Path, tmp_path: Path) -> None:
+STAGES = {"learned": ("survey", "sketch", "encode"), "patterns": ("survey", "cluster", "encode")}
+
+
+@pytest.mark.parametrize("codec", STAGES)
+def test_the_report_adds_up(codec: str, small_library: Path, tmp_path: Path) -> None:
     seen: list[Progress] = []
-    report = archive_library(small_library, tmp_path / "a", workers=0, progress=seen.append)
+    settings = Settings(codec=codec)  # type: ignore[arg-type]
+    report = archive_library(
+        small_library, tmp_path / "a", settings, workers=0, progress=seen.append
+    )
     assert report.clips == CLIPS
     assert report.unchanged == 0
     assert report.failures == []
@@ -141,11 +157,12 @@ def test_the_report_adds_up(small_library: Path, tmp_path: Path) -> None:
     files = tree(tmp_path / "a" / "clips")
     assert report.index_bytes == sum(map(len, files.values()))
     assert 0 < report.mean_error < report.max_error <= 0.1
-    assert report.matched == report.segments > 0
+    assert report.matched == report.segments
+    assert (report.segments > 0) == (codec == "patterns")
     with Archive(tmp_path / "a") as archive:
         assert report.patterns == sum(map(sum, archive.commit.jobs[-1].patterns.values()))
         assert report.max_error == max(clip.certificate.maximum for clip in archive.values())
-    for stage in ("survey", "cluster", "encode"):
+    for stage in STAGES[codec]:
         steps = [step for step in seen if step.stage == stage]
         assert steps[-1].done == steps[-1].clips == CLIPS
         assert report.seconds[stage] > 0
@@ -202,7 +219,7 @@ def test_a_job_may_be_killed_at_any_moment(quick: HalfAndAll, tmp_path: Path) ->
 def test_the_very_first_job_may_be_killed_too(quick: HalfAndAll, tmp_path: Path) -> None:
     archive_library(quick.library, tmp_path / "whole", workers=0)
     whole = tree(tmp_path / "whole")
-    archives = [(tmp_path / f"killed-{moment}", moment) for moment in (1, 6, 40)]
+    archives = [(tmp_path / f"killed-{moment}", moment) for moment in (1, 4, 9)]
     assert run_killed(quick.library, archives) == [9] * 3
     for archive, _ in archives:
         archive_library(quick.library, archive, workers=0)
@@ -232,9 +249,9 @@ def test_growing_touches_nothing_that_is_there(grown: HalfAndAll) -> None:
                 np.testing.assert_array_equal(fewer, more[: len(fewer)])
 
 
-def test_the_store_saves_what_a_second_half_needs(grown: HalfAndAll) -> None:
-    first = read_commit(grown.half).jobs[0].patterns
-    second = read_commit(grown.all).jobs[1].patterns
+def test_the_store_saves_what_a_second_half_needs(patterned: HalfAndAll) -> None:
+    first = read_commit(patterned.half).jobs[0].patterns
+    second = read_commit(patterned.all).jobs[1].patterns
     (key,) = first
     added = sum(second[key]) - sum(first[key])
     assert 0 < added < sum(first[key]), "half of the motion is as before"
@@ -333,7 +350,7 @@ def test_a_library_of_bad_files_only_is_reported(tmp_path: Path) -> None:
 
 
 def test_every_segment_is_within_the_radius_of_the_pattern_that_stands_for_it(
-    grown: HalfAndAll,
+    patterned: HalfAndAll,
 ) -> None:
     from motifold.codec.formats.files import read_clip
     from motifold.codec.index_file import IndexFile
@@ -341,7 +358,7 @@ def test_every_segment_is_within_the_radius_of_the_pattern_that_stands_for_it(
     from motifold.codec.segments import most_frames
 
     rules = ClusterRules()
-    with Archive(grown.all) as archive:
+    with Archive(patterned.all) as archive:
         for clip in archive.values():
             index = clip.index()
             assert isinstance(index, IndexFile)
@@ -350,7 +367,7 @@ def test_every_segment_is_within_the_radius_of_the_pattern_that_stands_for_it(
             preview, _ = read_preview(
                 index.preview, clip.rig, codebook, index.frames, most_frames(clip.frame_time)
             )
-            source = read_clip(grown.library / clip.name)
+            source = read_clip(patterned.library / clip.name)
             radius = rules.radius(family.head_diagonal, 0.1)
             segments = clip_segments(source, family, SegmentRules())
             for part, named, table in zip(

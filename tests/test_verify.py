@@ -162,7 +162,7 @@ def test_a_certificate_that_is_too_good_to_be_true_is_told(
 ) -> None:
     from motifold.codec.metrics import Errors
 
-    monkeypatch.setattr(module, "measure", lambda *_: Errors(0.0995, 0.01, 0.05))
+    monkeypatch.setattr(module, "measure", lambda *_: Errors(0.09999999, 0.01, 0.05))
     found = verified(small_archive, library=small_library)
     assert len(found.problems) >= CLIPS - 3
     assert all("off its source, but certifies" in problem for problem in found.problems)

@@ -4,23 +4,47 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .console import ProgressLine, show_json, show_table
-from .quantities import parse_length, show_bytes, show_duration, show_length, show_ratio
+from .quantities import (
+    parse_bound,
+    parse_length,
+    parse_span_bound,
+    show_bytes,
+    show_duration,
+    show_length,
+    show_ratio,
+)
 
 if TYPE_CHECKING:
     from ..pipeline.report import Progress, Report
+
+# Largest error over the allowed mean where no tolerance is given: a joint may not fly off.
+NO_BOUND = 100.0
 
 
 def archive(
     library: Annotated[Path, typer.Argument(help="Folder of motion files.")],
     archive: Annotated[Path, typer.Argument(help="Archive folder; made if it is not there.")],
     tolerance: Annotated[
-        str, typer.Option(help="Largest error of any joint at any frame, such as 0.5mm or 1cm.")
-    ] = "1mm",
+        str | None,
+        typer.Option(help="Largest error of any joint at any frame, such as 0.5mm. Default: 1mm."),
+    ] = None,
+    mean_tolerance: Annotated[
+        str | None,
+        typer.Option(help="Largest mean error of a clip, instead of or beside --tolerance."),
+    ] = None,
+    joint_tolerance: Annotated[
+        list[str] | None,
+        typer.Option(help="Joints (a name or glob) with their own, such as LeftFoot=0.2mm."),
+    ] = None,
+    span_tolerance: Annotated[
+        list[str] | None,
+        typer.Option(help="A time span of every clip with its own, such as 2s-3.5s=0.2mm."),
+    ] = None,
     include: Annotated[
         list[str] | None, typer.Option(help="Only files that match this glob; may be repeated.")
     ] = None,
@@ -45,7 +69,12 @@ def archive(
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://host:8786.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of average-bound clustering.")] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the draw of references, and of average-bound clustering.")
+    ] = 0,
+    codec: Annotated[
+        str, typer.Option(help="learned (version 2), or patterns (version 1, for comparison).")
+    ] = "learned",
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Archive the motion files of LIBRARY into ARCHIVE.
@@ -61,11 +90,12 @@ def archive(
     from ..pipeline.run import archive_library
 
     settings = Settings(
-        tolerance=parse_length(tolerance),
+        **_bounds(tolerance, mean_tolerance, joint_tolerance or [], span_tolerance or []),
         units=units,
         segments=SegmentRules(segmentation),  # type: ignore[arg-type]  # it checks the name
         clusters=ClusterRules(cluster_bound, cluster_radius),  # type: ignore[arg-type]
         seed=seed,
+        codec=codec,  # type: ignore[arg-type]
     )
     line = ProgressLine()
     report = archive_library(
@@ -85,6 +115,22 @@ def archive(
         show_report(report)
     if report.failures:
         raise typer.Exit(3)
+
+
+def _bounds(
+    tolerance: str | None, mean: str | None, joints: list[str], spans: list[str]
+) -> dict[str, Any]:
+    """Return the bounds of `Settings` that the options ask for."""
+    bounds: dict[str, Any] = {
+        "joint_tolerances": tuple(parse_bound(text) for text in joints),
+        "span_tolerances": tuple(parse_span_bound(text) for text in spans),
+    }
+    if mean is not None:
+        bounds["mean_tolerance"] = parse_length(mean)
+        bounds["tolerance"] = NO_BOUND * bounds["mean_tolerance"]
+    if tolerance is not None or mean is None:
+        bounds["tolerance"] = parse_length(tolerance or "1mm")
+    return bounds
 
 
 def _show_progress(line: ProgressLine, step: Progress) -> None:

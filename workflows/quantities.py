@@ -7,6 +7,7 @@ import re
 from ..codec.errors import UsageError
 
 _CENTIMETRES = {"mm": 0.1, "cm": 1.0, "m": 100.0, "um": 1e-4, "in": 2.54}
+_SPAN = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*s\s*-\s*([0-9]*\.?[0-9]+)\s*s\s*")
 _LENGTH = re.compile(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Z]+)\s*")
 
 
@@ -22,6 +23,26 @@ def parse_length(text: str) -> float:
             advice=f"Write a number and a unit ({', '.join(_CENTIMETRES)}), such as 1mm",
         )
     return float(found[1]) * _CENTIMETRES[found[2].lower()]
+
+
+def parse_bound(text: str) -> tuple[str, float]:
+    """Return (name, centimetres) of a bound such as ``LeftFoot=0.2mm``. Raises `UsageError`."""
+    name, found, length = text.rpartition("=")
+    if not found or not name.strip():
+        raise UsageError(f"{text!r} is no bound", advice="Write it as LeftFoot=0.2mm")
+    return name.strip(), parse_length(length)
+
+
+def parse_span_bound(text: str) -> tuple[float, float, float]:
+    """Return (from second, to second, centimetres) of a bound such as ``2s-3.5s=0.2mm``.
+
+    Raises `UsageError`.
+    """
+    span, length = parse_bound(text)
+    found = _SPAN.fullmatch(span)
+    if not found or float(found[1]) > float(found[2]):
+        raise UsageError(f"{span!r} is no time span", advice="Write it as 2s-3.5s=0.2mm")
+    return float(found[1]), float(found[2]), length
 
 
 def show_length(centimetres: float) -> str:
