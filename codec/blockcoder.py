@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from .blockcontext import LEVER_BITS, describe, key_of, pose, turn_at
+from .blockcontext import LEVER_BITS, back, describe, key_of, pose, turn_at
 from .clip import FloatArray, IntArray
 from .compiled import compiled
 from .fixedpoint import between, log2_of, rotated
@@ -162,13 +162,21 @@ def wanted(
     lever, axes = table[node, LEVER], table[node, AXES]
     for i in range(span):
         if table[node, KIND] == PLACE:
-            x = ((goal[start + i, node, 0] - state[last, node, 0]) * lever) >> LEVER_BITS
-            y = ((goal[start + i, node, 1] - state[last, node, 1]) * lever) >> LEVER_BITS
-            z = ((goal[start + i, node, 2] - state[last, node, 2]) * lever) >> LEVER_BITS
+            dx = goal[start + i, node, 0] - state[last, node, 0]
+            dy = goal[start + i, node, 1] - state[last, node, 1]
+            dz = goal[start + i, node, 2] - state[last, node, 2]
+            x, y, z = dx, dy, dz
             if axes >= 0:
-                w, a, b, c = turn_at(state, last, axes)
-                x, y, z = rotated((w, -a, -b, -c), x, y, z)
-            out[3 * i], out[3 * i + 1], out[3 * i + 2] = x, y, z
+                # turning there and back is not exact: jumps of a kilometre need a second look
+                turn = turn_at(state, last, axes)
+                x, y, z = 0, 0, 0
+                for _ in range(3):
+                    a, b, c = rotated(turn, x, y, z)
+                    a, b, c = rotated(back(turn), dx - a, dy - b, dz - c)
+                    x, y, z = x + a, y + b, z + c
+            out[3 * i] = (x * lever) >> LEVER_BITS
+            out[3 * i + 1] = (y * lever) >> LEVER_BITS
+            out[3 * i + 2] = (z * lever) >> LEVER_BITS
             continue
         x, y, z = vector_to(between(turn_at(state, last, node), turn_at(goal, start + i, node)))
         scale = lever * float(1 << (20 - LEVER_BITS))

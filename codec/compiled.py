@@ -1,16 +1,25 @@
 """Compiling the codec's inner loops with Numba.
 
 Loops that follow a clip block by block cannot be array operations: each block is predicted from
-the decoded one before. The compiled code is kept on disk, so that it is made once a machine.
-Floating-point contraction and reordering stay off (Numba's default): what a decoder computes
-must not depend on the processor.
+the decoded one before. Floating-point contraction and reordering stay off (Numba's default):
+what a decoder computes must not depend on the processor.
+
+The compiled code is kept on disk, in a folder named after the sources of all compiled modules
+together, because Numba's own cache only looks at the file of the outermost function, and would
+go on using a loop whose inner functions have changed.
 """
 
 from __future__ import annotations
 
+import hashlib
+import os
+import tempfile
 from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numba
 from numba import njit
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -18,4 +27,32 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 def compiled(function: Function) -> Function:
     """Return ``function`` compiled, with the same signature."""
-    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
+    folder = _cache_folder()
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder or before  # read when the decorator runs, and not later
+    try:
+        made = njit(cache=folder is not None, nogil=True, error_model="numpy")(function)
+    finally:
+        numba.config.CACHE_DIR = before
+    return cast(Function, made)
+
+
+@lru_cache(maxsize=1)
+def _cache_folder() -> str | None:
+    """Return the folder of the compiled code, or None where nothing can be written."""
+    here = Path(__file__).parent
+    sources = hashlib.blake2b(digest_size=8)
+    for path in sorted(here.glob("*.py")):
+        text = path.read_bytes()
+        if b"compiled" in text:
+            sources.update(text)
+    home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    for base in (here / "__pycache__", Path(home).expanduser() / "motifold"):
+        folder = base / f"compiled-{sources.hexdigest()}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return str(folder)
+        except OSError:
+            continue
+    return None

@@ -222,7 +222,9 @@ class SymbolReader:
                 if shift:
                     high = (high << shift) + int(self._uniform(1, 1 << shift)[0])
                 out.append(high)
-        except AssertionError as problem:  # constriction's way to say "not made by this model"
+            numbers = np.array(out, np.int64)
+        # constriction's way to say "not made by this model"; an escape beyond 64 bits
+        except (AssertionError, OverflowError) as problem:
             raise DamagedError("the coded stream does not fit its tables") from problem
         self._charge(spent)
-        return np.array(out, np.int64)
+        return numbers

@@ -29,6 +29,7 @@ THRIFT = 0.11  # weight of bits against squared error in rounding: the slope of 
 LARGEST_STEP = 1.1  # of the smallest limit; blocks refine it where they must
 MEAN_STEP = 2.5  # steps over mean errors that mostly end near
 TRIALS = 12
+NO_LIMIT = 1e3  # centimetres: of a clip of no frames
 CLOSE_ENOUGH = 0.985  # of the mean error that is allowed
 
 
@@ -108,7 +109,12 @@ class MotionEncoder:
 
     def _search(self, known: Known, goal: Goal, limits: Limits) -> tuple[int, list[CodedRun]]:
         """Return a step's code and the runs coded at it."""
-        least = float(min(goal.yardstick.joint_limits.min(), goal.yardstick.frame_limits.min()))
+        least = float(
+            min(
+                goal.yardstick.joint_limits.min(initial=NO_LIMIT),
+                goal.yardstick.frame_limits.min(initial=NO_LIMIT),
+            )
+        )
         if limits.mean is None:
             code = code_below(LARGEST_STEP * least)
             return code, self._coded(known, goal, code)
