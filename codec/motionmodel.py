@@ -17,7 +17,7 @@ from .blockcontext import feature_count
 from .clip import FloatArray, IntArray
 from .rig import Rig
 
-WEIGHT_BITS = 12
+WEIGHT_BITS = 16
 BASIS_BITS = 14
 SIGNS = 10  # what expected sizes are linear in; see `blockcoder.signs_of`
 GROUPS = 3  # coefficients of a block, by rank: each third has its own sensitivities
@@ -34,7 +34,7 @@ class MotionModel:
     """Prediction, basis and expected sizes of every row.
 
     ``span``: frames of a block; ``lags``: (4,) frames to look back; ``up``: vertical axis.
-    ``folded_weights``: (rows, features, channels) × 2^12, cm per cm; ``folded_basis``: (rows,
+    ``folded_weights``: (rows, features, channels) × 2^16, cm per cm; ``folded_basis``: (rows,
     coefficients, channels) × 2^14, orthonormal but for rounding; both with every course along
     a block as its cosine transform, in which most of them are near zero.
     ``base``: (rows, coefficients) and ``senses``: (rows, 3, 10), × 256: the binary logarithm
@@ -61,7 +61,7 @@ class MotionModel:
 
     @cached_property
     def weights(self) -> IntArray:
-        """(rows, features, channels) weights × 2^12 of frames as they are."""
+        """(rows, features, channels) weights × 2^16 of frames as they are."""
         over = _cosines(self.span)
         half = 1 << (BASIS_BITS - 1)
         features = fold_features(self.span)

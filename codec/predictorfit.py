@@ -18,7 +18,6 @@ from .motionmodel import (
     MotionModel,
     cosine_basis,
     fold_features,
-    folded,
 )
 from .nodes import FOLLOWER, KIND, ROW
 from .recall import empty_memory
@@ -26,7 +25,7 @@ from .samples import Manner, Sample, walked
 
 ROUNDING_SHARE = 0.015  # of the step: what rounding of one feature's weight may do
 BASIS_GRAIN = 11  # bits after the point that a learned basis keeps
-RIDGE = 3e-3  # of a feature's mean square
+RIDGE = 3e-3  # of a feature's mean square, at a step of a millimetre; more at coarser ones
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 
 
@@ -49,35 +48,42 @@ def fit_predictors(samples: Sequence[Sample], model: MotionModel, manner: Manner
             cross[row] += x.T @ y
             square[row] += y.T @ y
             seen[row] += len(x)
+    fold = fold_features(model.span) / float(1 << BASIS_BITS)
+    cosine = cosine_basis(model.span)
     weights, basis = model.folded_weights.copy(), model.folded_basis.copy()
     for row in np.flatnonzero(seen >= LEAST_BLOCKS).tolist():
-        scale = np.sqrt(np.diag(gram[row]) / seen[row]) + 1e-6
-        normal = gram[row] / np.outer(scale, scale) + RIDGE * seen[row] * np.eye(features)
-        solved = np.linalg.solve(normal, cross[row] / scale[:, None]) / scale[:, None]
-        fold = fold_features(model.span) / float(1 << BASIS_BITS)
-        usual = np.sqrt(np.einsum("ij,jk,ik->i", fold, gram[row], fold) / seen[row]) + 1e-6
-        weights[row] = folded(solved, model.span, _bits_to_drop(usual, manner.step))
-        fitted = replace(model, folded_weights=weights[row : row + 1]).weights[0]
-        fitted = fitted / (1 << WEIGHT_BITS)
-        left = square[row] - fitted.T @ cross[row] - cross[row].T @ fitted
-        left += fitted.T @ gram[row] @ fitted
-        basis[row] = _basis(left / seen[row], model.span)
+        own = fold @ gram[row] @ fold.T / seen[row]
+        both = fold @ cross[row] @ cosine.T / seen[row]
+        weights[row] = _weights(own, both, manner.step / float(1 << STEP_BITS))
+        fitted = weights[row] / float(1 << WEIGHT_BITS)
+        left = cosine @ square[row] @ cosine.T / seen[row]
+        left += fitted.T @ own @ fitted - fitted.T @ both - both.T @ fitted
+        basis[row] = _basis(left)
     return replace(model, folded_weights=weights, folded_basis=basis)
 
 
-def _bits_to_drop(usual: FloatArray, step: int) -> FloatArray:
-    """Return how many low bits of the features' weights may go; ``usual``: their sizes, cm.
+def _weights(own: FloatArray, both: FloatArray, step: float) -> IntArray:
+    """Return the folded weights × 2^16 of least squares.
 
-    What rounding moves a prediction by stays a small share of the step (2^-24 cm).
+    ``own``: (features, features) mean products of folded features, ``both``: (features,
+    channels) of features and signals; ``step``: centimetres. Weights are rounded as far as the
+    step allows.
     """
-    allowed = ROUNDING_SHARE * step / float(1 << STEP_BITS) / usual * (1 << WEIGHT_BITS)
-    return np.asarray(np.clip(np.floor(np.log2(np.maximum(allowed, 1.0))), 0, 11))
+    usual = np.sqrt(np.diag(own)) + 1e-6
+    ridge = RIDGE * min(step / 0.1, 4.0)
+    normal = own / np.outer(usual, usual) + ridge * np.eye(len(own))
+    target = both / usual[:, None]
+    moved = np.linalg.solve(normal, target)
+    allowed = ROUNDING_SHARE * step / usual * (1 << WEIGHT_BITS)
+    grain = np.exp2(np.clip(np.floor(np.log2(np.maximum(allowed, 1.0))), 0, 15))[:, None]
+    fine = moved / usual[:, None] * (1 << WEIGHT_BITS)
+    return np.asarray(np.rint(fine / grain) * grain, np.int64)
 
 
-def _basis(covariance: FloatArray, span: int) -> IntArray:
-    """Return the eigenvectors of a covariance as a folded basis, the largest first."""
+def _basis(covariance: FloatArray) -> IntArray:
+    """Return the eigenvectors of a folded covariance as a basis, the largest first."""
     _, vectors = np.linalg.eigh(covariance + 1e-12 * np.eye(len(covariance)))
-    rows = vectors.T[::-1] @ cosine_basis(span).T
+    rows = vectors.T[::-1]
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
     coarse = np.rint(rows * signs[:, None] * (1 << BASIS_GRAIN)).astype(np.int64)
     return np.asarray(coarse << (BASIS_BITS - BASIS_GRAIN))

@@ -110,14 +110,14 @@ def signals_at(
 @compiled
 def predict(features: IntArray, weights: IntArray, out: IntArray) -> None:
     """Write the linear prediction of a block into ``out`` (channels,)."""
-    out[:] = 1 << 11
+    out[:] = 1 << 15
     for f in range(len(features)):
         value = features[f]
         if value != 0:
             for c in range(len(out)):
                 out[c] += value * weights[f, c]
     for c in range(len(out)):
-        out[c] >>= 12
+        out[c] >>= 16
 
 
 @compiled

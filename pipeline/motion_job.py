@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from secrets import token_hex
 from time import monotonic
 
 from ..codec.learning import learn
@@ -71,8 +72,9 @@ class MotionJob:
         self, batches: Sequence[tuple[Prepared, ...]], tell: Callable[[str, int, int], None]
     ) -> Iterator[tuple[Prepared, EncodedClip]]:
         """Yield every clip encoded, in the order of their numbers."""
-        scratch = self.folder / SCRATCH
-        shutil.rmtree(scratch, ignore_errors=True)
+        shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)
+        # a name that no job had before: workers keep what they read from it, by its path
+        scratch = self.folder / SCRATCH / token_hex(8)
         try:
             began = monotonic()
             sketches = self._sketched(batches, tell)
@@ -104,7 +106,7 @@ class MotionJob:
                     self.failures += [Failure(twin, failed[name]) for twin in others]
             self.seconds["encode"] = monotonic() - began
         finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+            shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)
 
     def _sketched(
         self, batches: Sequence[tuple[Prepared, ...]], tell: Callable[[str, int, int], None]

@@ -14,8 +14,9 @@ import pytest
 from libraries import BAD, CLIPS, copied, short_specs, tree, write_clips
 
 from motifold.codec.bodyparts import load_parts
+from motifold.codec.encode import measure
 from motifold.codec.errors import ArchiveError, UsageError
-from motifold.codec.formats.files import clip_bytes
+from motifold.codec.formats.files import clip_bytes, read_clip
 from motifold.codec.segments import SegmentRules, clip_segments
 from motifold.pipeline import plan, run
 from motifold.pipeline.archive import Archive
@@ -471,3 +472,20 @@ def test_a_disk_that_is_full_is_told_and_harms_nothing(
     assert_whole(archive, grown.first)
     archive_library(grown.library, archive, workers=0)
     assert tree(archive) == tree(grown.all)
+
+
+def test_one_process_may_write_an_archive_twice(small_library: Path, tmp_path: Path) -> None:
+    """What a job left for its workers is not taken for what the next one leaves."""
+    names = sorted(path.name for path in small_library.iterdir())
+    archive = tmp_path / "a"
+    for seed in (0, 1):
+        shutil.rmtree(archive, ignore_errors=True)
+        archive_library(small_library, archive, Settings(seed=seed), workers=0)
+        assert_whole(archive, names)
+        with Archive(archive) as opened:
+            for name in names:
+                decoded = opened[name].decode()
+                certificate = opened[name].certificate
+                assert measure(read_clip(small_library / name), decoded).maximum <= (
+                    certificate.maximum + 1e-6
+                )
