@@ -32,15 +32,17 @@ def learn(
     manner: Manner,
     usual: IntArray,
     neighbours: Sequence[Sequence[int]],
+    keep_weights: bool = False,
 ) -> MotionModel:
     """Return a model learned from sample clips, beginning with ``start``.
 
     ``usual``: (rows, 4) the family's usual pose; ``neighbours``: per sample, the numbers of
-    the other samples that it may refer to.
+    the other samples that it may refer to; ``keep_weights``: the prediction stays as it is,
+    for a library too small to pay for one of its own.
     """
     model = start
     for _ in range(ROUNDS):
-        model = fit_predictors(samples, model, manner)
+        model = fit_predictors(samples, model, manner, keep_weights)
     nothing = empty_memory(model.rows, model.channels)
     references = []
     for sample in samples:

@@ -91,7 +91,9 @@ def limits_of(clip: Clip, bounds: Bounds) -> Limits:
         chosen = [fnmatchcase(owner, pattern) for owner in owners]
         joints[chosen] = np.minimum(joints[chosen], tolerance)
     times = np.arange(clip.frames) * clip.frame_time
+    hair = 1e-3 * clip.frame_time
     for start, stop, tolerance in bounds.spans:
-        inside = (times >= start) & (times <= stop)
+        # a frame on the border is inside, whatever rounding says of its time
+        inside = (times >= start - hair) & (times <= stop + hair)
         frames[inside] = np.minimum(frames[inside], tolerance)
     return Limits(joints, frames, bounds.mean)

@@ -1,6 +1,6 @@
 """What a clip looks like in the poses of others: its preview, and its words for a search.
 
-Twice a second a clip names the pose, among those that its reference clips offer, that is most
+Every sixteen frames a clip names the pose, among those that its reference clips offer, that is most
 like its own. Poses in between are blended: the preview scheme of Gu, Peng & Deng (2009,
 Section 4.2), with whole poses on the exact path of the root.
 """

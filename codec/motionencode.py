@@ -79,9 +79,10 @@ class MotionEncoder:
             clip.seen if isinstance(clip, MarkerClip) else None,
         )
         tightness = 1.0
-        for _ in range(TRIALS):
+        for trial in range(TRIALS):
             aimed = _tightened(goal, limits, margin, tightness)
-            code, runs = self._search(known, aimed, limits)
+            mean = None if limits.mean is None else limits.mean * min(tightness, 1.0)
+            code, runs = self._search(known, aimed, mean)
             file = self._file(head, rig, rig_number, clip.frames, code, known, runs)
             data = pack_motion(file)
             decoded = decode_states(unpack_motion(data), rig, self.family, self.model, decoded_from)
@@ -92,7 +93,8 @@ class MotionEncoder:
                 data = pack_motion(replace(file, certificate=certificate))
                 told = unpack_motion(data).certificate
                 return EncodedMotion(data, told, decoded.nodes, decoded.states)
-            tightness *= 0.98 / excess
+            # faster and faster: what a hinge loses may show in no step for a while
+            tightness *= (0.98 / excess) ** (1 + trial)
         raise GuaranteeError(
             f"no quantiser step brings the clip inside {limits.least:g} cm",
             advice="Ask for a larger tolerance",
@@ -107,7 +109,9 @@ class MotionEncoder:
             excess = max(excess, certificate.mean / limits.mean)
         return excess
 
-    def _search(self, known: Known, goal: Goal, limits: Limits) -> tuple[int, list[CodedRun]]:
+    def _search(
+        self, known: Known, goal: Goal, mean_limit: float | None
+    ) -> tuple[int, list[CodedRun]]:
         """Return a step's code and the runs coded at it."""
         least = float(
             min(
@@ -115,18 +119,15 @@ class MotionEncoder:
                 goal.yardstick.frame_limits.min(initial=NO_LIMIT),
             )
         )
-        if limits.mean is None:
+        if mean_limit is None:
             code = code_below(LARGEST_STEP * least)
             return code, self._coded(known, goal, code)
-        aim = limits.mean
+        aim = mean_limit
         code = code_below(min(MEAN_STEP * aim, LARGEST_STEP * least))
         best: tuple[int, list[CodedRun]] | None = None
         for _ in range(TRIALS):
             runs = self._coded(known, goal, code)
-            weights = [len(run.walk.state) for run in runs]
-            mean = (
-                float(np.average([run.walk.mean for run in runs], weights=weights)) if runs else 0
-            )
+            mean = _mean_of(runs)
             if mean <= aim and (best is None or code > best[0]):
                 best = code, runs
             if mean <= 0.0 or (CLOSE_ENOUGH * aim <= mean <= aim):

@@ -12,8 +12,8 @@ from .fixedpoint import to_turns
 from .gaps import filled
 from .kinematics import end_positions, world_positions, world_rotations
 from .limits import Limits
-from .nodes import JOINT, KIND, PLACE, Nodes, marker_nodes, skeleton_nodes
-from .rig import Family, Rig
+from .nodes import JOINT, KIND, PLACE, Nodes, holding_levers, marker_nodes, skeleton_nodes
+from .rig import LEVER_SCALE, Family, Rig
 from .rotations import to_quaternions
 from .subject import sliding_joints
 from .yardstick import Yardstick, marker_shape, skeleton_shape
@@ -111,5 +111,6 @@ def _still(clip: SkeletonClip, family: Family, tolerance: float) -> tuple[int, .
     if not clip.frames:
         return ()
     apart = np.square(clip.rotations - clip.rotations[:1]).sum(axis=(2, 3)).max(axis=0)
-    turned = np.sqrt(apart / 2.0) * family.turn_scale  # chord of the angle, times the lever
+    levers = holding_levers(clip.skeleton, family) / LEVER_SCALE
+    turned = np.sqrt(apart / 2.0) * levers  # chord of the angle, times the lever
     return tuple(np.flatnonzero(turned <= STILL_SHARE * tolerance).tolist())

@@ -19,7 +19,7 @@ from .rig import Rig
 
 WEIGHT_BITS = 16
 BASIS_BITS = 14
-SIGNS = 10  # what expected sizes are linear in; see `blockcoder.signs_of`
+SIGNS = 10  # what expected sizes are linear in; see `blockcoder.expect`
 GROUPS = 3  # coefficients of a block, by rank: each third has its own sensitivities
 
 

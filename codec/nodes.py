@@ -28,10 +28,11 @@ class Nodes:
 
     ``table``: (nodes, 7) whole numbers: ``KIND``; ``ROW``, which of the model's rows serves it
     (the joint's number for turns, joints + the joint's number for places); ``GUIDE``, the node
-    whose motion it follows (-1: none), ``CARRIER``, the node of the root's path (-1: none, or
-    the node itself is it or comes before it), ``AXES``, the turn whose last decoded axes a
-    place is measured in (-1: those of the world, or of the parent joint); ``LEVER``, in 1/16
-    cm per radian, or 1/16 for places; ``JOINT``. ``levels``: (levels + 1,) borders between
+    whose motion it follows (-1: none); ``CARRIER``, the node of the root's path (-1: none, or
+    the node is a place; of the first turn, which comes before it, only the path's past is
+    seen); ``AXES``, the turn whose last decoded axes a place is measured in (-1: those of the
+    world, or of the parent joint); ``LEVER``, in 1/16 cm per radian, or 1/16 for places;
+    ``JOINT``. ``levels``: (levels + 1,) borders between
     them. ``top``, ``path``: the nodes of the first turn and of the root's path, or -1; of
     markers, the path is the root part's reference marker.
     """
@@ -68,6 +69,7 @@ def skeleton_nodes(
     """
     skeleton = rig.skeleton
     turning = [joint for joint in range(skeleton.joints) if joint not in still]
+    holding = holding_levers(skeleton, family)
     top = _top_turn(skeleton, turning, sliding)
     level: dict[tuple[bool, int], int] = {}
     rows: dict[tuple[bool, int], list[int]] = {}
@@ -97,7 +99,7 @@ def skeleton_nodes(
         lever = int(family.levers[joint])
         if joint in still:
             guide = -1 if parent < 0 else number[False, parent]
-            rows[node] = [FOLLOWER, joint, guide, -1, -1, lever, joint]
+            rows[node] = [FOLLOWER, joint, guide, -1, -1, int(holding[joint]), joint]
             continue
         while parent >= 0 and parent in still:
             parent = int(skeleton.parents[parent])
@@ -110,6 +112,19 @@ def skeleton_nodes(
         -1 if top is None else number[False, top],
         -1 if path is None else number[path],
     )
+
+
+def holding_levers(skeleton: Skeleton, family: Family) -> IntArray:
+    """Return the largest lever (1/16 cm per radian) at and below each joint.
+
+    What an error of a joint counts for where those below do not make up for it: a follower
+    carries other followers, and the axes of hinges.
+    """
+    out = np.array(family.levers, np.int64)
+    for joint in range(skeleton.joints - 1, 0, -1):
+        parent = int(skeleton.parents[joint])
+        out[parent] = max(out[parent], out[joint])
+    return out
 
 
 def _top_turn(skeleton: Skeleton, turning: list[int], sliding: tuple[int, ...]) -> int | None:
@@ -127,7 +142,9 @@ def _top_turn(skeleton: Skeleton, turning: list[int], sliding: tuple[int, ...]) 
 
 
 def marker_nodes(family: Family) -> Nodes:
-    """Return the nodes of a marker clip: places that follow their part's reference marker."""
+    """Return the nodes of a marker clip: places that follow a reference marker.
+
+    In the root part its own, in the others that of the parent part."""
     parts = family.parts
     guide: dict[int, int] = {}
     for part in parts:

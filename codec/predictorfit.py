@@ -29,8 +29,13 @@ RIDGE = 3e-3  # of a feature's mean square, at a step of a millimetre; more at c
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 
 
-def fit_predictors(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> MotionModel:
-    """Return the model with weights and bases fitted to closed-loop walks with the old one."""
+def fit_predictors(
+    samples: Sequence[Sample], model: MotionModel, manner: Manner, keep_weights: bool = False
+) -> MotionModel:
+    """Return the model with weights and bases fitted to closed-loop walks with the old one.
+
+    ``keep_weights``: only the bases are fitted.
+    """
     features, channels = model.weights.shape[1:]
     gram = np.zeros((model.rows, features, features))
     cross = np.zeros((model.rows, features, channels))
@@ -54,7 +59,8 @@ def fit_predictors(samples: Sequence[Sample], model: MotionModel, manner: Manner
     for row in np.flatnonzero(seen >= LEAST_BLOCKS).tolist():
         own = fold @ gram[row] @ fold.T / seen[row]
         both = fold @ cross[row] @ cosine.T / seen[row]
-        weights[row] = _weights(own, both, manner.step / float(1 << STEP_BITS))
+        if not keep_weights:
+            weights[row] = _weights(own, both, manner.step / float(1 << STEP_BITS))
         fitted = weights[row] / float(1 << WEIGHT_BITS)
         left = cosine @ square[row] @ cosine.T / seen[row]
         left += fitted.T @ own @ fitted - fitted.T @ both - both.T @ fitted

@@ -163,7 +163,8 @@ def recall(
     """Add what the nearest moments say to ``prediction``; return how sure they are.
 
     Returns (mean absolute deviation of what followed, 2^-20 cm; distance to the nearest and to
-    the last neighbour, 1/64 cm). Neighbours weigh 1 / (d² + d_last² / 20).
+    the last neighbour, 1/64 cm). Neighbours weigh 1 / (d² + d_first²)², with 1 added to
+    d_first²: one that is far nearer than the others stands nearly alone.
     """
     moments, channels = follows.shape
     near = np.full(NEIGHBOURS, 1 << 62)
@@ -188,16 +189,12 @@ def recall(
         near[at], which[at] = distance, m
         worst = near[NEIGHBOURS - 1]
     count = min(moments, NEIGHBOURS)
-    last = near[count - 1] + 1
     total = 0
     share = np.empty(NEIGHBOURS, np.int64)
+    first = near[0] + 1
     for n in range(count):
-        # halved until the product fits
-        far, own = last, near[n]
-        while far > (1 << 40):
-            far >>= 1
-            own >>= 1
-        share[n] = 5120 * far // (20 * own + far)
+        part = 2048 * first // (near[n] + first)
+        share[n] = part * part
         total += share[n]
     spread = 0
     for c in range(channels):

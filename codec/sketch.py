@@ -8,7 +8,7 @@ import numpy.typing as npt
 from .clip import IntArray
 from .motionmodel import fixed_model, usual_span
 from .nodes import FOLLOWER, KIND, ROW, Nodes
-from .recall import FAR, remember
+from .recall import remember
 from .rig import Rig
 
 SKETCH_NUMBERS = 24
@@ -31,7 +31,6 @@ def sketch_of(path: IntArray, nodes: Nodes, rig: Rig) -> Sketch:
     nothing = np.zeros_like(model.weights)
     memory = remember(path, len(path), nodes.table, span, model.lags, model.up, nothing)
     keys = memory.keys[:, ::STRIDE, :COMPARED].astype(np.float64)
-    keys[keys == FAR] = 0.0
     active = nodes.table[nodes.table[:, KIND] != FOLLOWER, ROW]
     flat = np.zeros((rows, keys.shape[1], COMPARED))
     flat[active] = keys[active]

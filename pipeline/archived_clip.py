@@ -130,10 +130,11 @@ class ArchivedClip:
     ) -> Clip:
         """Return the clip, or the frames ``start`` to ``stop`` (exclusive) of it.
 
-        ``tier``: ``tolerance``, inside the certified error; or ``preview``, the patterns on
-        the exact root path, which reads only the first part of the index file. ``parts``:
-        names of body parts; the joints of all others are left at rest (markers: NaN), and the
-        work for them is not done. Raises `DamagedError` or `UsageError`.
+        ``tier``: ``tolerance``, inside the certified error; or ``preview``, which reads only
+        the first part of the index file: poses (version 1: patterns) of other clips on the
+        exact root path; a clip without references shows itself. ``parts``: names of body
+        parts; the joints of all others are left at rest (markers: NaN). Runs of frames outside
+        ``start`` and ``stop`` are not decoded. Raises `DamagedError` or `UsageError`.
         """
         index = self.index(prefix_only=tier == "preview")
         if tier == "preview" and isinstance(index, MotionFile) and not read_references(index.head):

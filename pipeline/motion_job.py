@@ -20,7 +20,7 @@ from ..codec.samples import Manner, Sample, walked
 from ..codec.sketch import Sketch
 from ..codec.startpose import usual_pose
 from .archive import Archive
-from .executors import Executor, map_batches
+from .executors import Executor, map_batches, one_thread
 from .ledger import Failure
 from .motion_tasks import (
     Assignment,
@@ -37,7 +37,8 @@ from .tasks import EncodedBatch, EncodedClip, Prepared, lost_failures
 
 MOST_EARLIER = 512  # clips of earlier jobs that a job's clips may refer to
 SAMPLE_CLIPS = 240  # that a model is learned from at the most
-LEAST_CLIPS = 8  # fewer are not worth learning from
+LEAST_CLIPS = 4  # fewer are not worth learning from
+SMALL_MODEL = 0.03  # of the archive
 REFERENCES = 8
 COARSE = 0.4  # centimetres of a step, from which blocks are twice as long
 SCRATCH = ".scratch"
@@ -54,7 +55,7 @@ class MotionJob:
     """What is known while the clips of a job are encoded.
 
     ``models``: by key, (generation, model), those of earlier jobs and this one's; ``first``:
-    number of the job's first clip.
+    number of the job's first clip; ``frames``: of every clip by name.
     """
 
     engine: Executor
@@ -64,6 +65,7 @@ class MotionJob:
     generation: int
     first: int
     folder: Path
+    frames: Mapping[str, int]
     failures: list[Failure] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     numbered: int = 0
@@ -151,12 +153,19 @@ class MotionJob:
                 [other for other in finder.find(sketches[name]) if other != at][:REFERENCES]
                 for at, name in enumerate(chosen)
             ]
-            model = learn(samples, begin, manner, usual_pose(rig, family), neighbours)
-            saved = _bits(samples, plain, manner) - _bits(samples, model, manner)
-            frames = sum(len(sample.goal) for sample in samples)
-            share = sum(1 for _ in names) / len(chosen)
-            if frames and saved / 8.0 * share > len(write_model(model)):
-                self.models[key] = self.generation, model
+            share = sum(self.frames[name] for name in names) / sum(
+                len(sample.goal) for sample in samples
+            )
+            usual = usual_pose(rig, family)
+            best = _bits(samples, plain, manner) / 8.0 * share
+            for keep_weights in (False, True):
+                model = one_thread(learn, samples, begin, manner, usual, neighbours, keep_weights)
+                stored = len(write_model(model))
+                cost = _bits(samples, model, manner) / 8.0 * share + stored
+                if cost < best:
+                    best, self.models[key] = cost, (self.generation, model)
+                if stored < SMALL_MODEL * cost:
+                    break  # a cheaper model has nothing to save
 
     def _recalled(
         self, groups: Mapping[str, list[str]], scratch: Path
@@ -237,7 +246,7 @@ class MotionJob:
                     item,
                     model_key(item.rig),
                     references,
-                    f"{item.digest}.npz" if offered else None,
+                    f"{item.digest}-{item.rig_number}.npz" if offered else None,
                 )
                 for item, references, offered in work
             ]
@@ -260,7 +269,7 @@ class MotionJob:
                     number = self.first + self.numbered
                     self.numbered += 1
                     numbers[encoded.name] = number
-                    left = scratch / f"{item.digest}.npz"
+                    left = scratch / f"{item.digest}-{item.rig_number}.npz"
                     if left.exists():
                         left.replace(scratch / f"{number}.npz")
                     yield item, encoded

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..codec.errors import MotifoldError
+from ..codec.errors import ArchiveError, MotifoldError
 from ..codec.formats.files import read_clip, source_bytes
 from ..codec.limits import limits_of
 from ..codec.motioncodec import Reference, reference_of
@@ -31,6 +31,7 @@ from .plan import Settings
 from .tasks import EncodedBatch, EncodedClip, Prepared, attempt, lost_failures
 
 DEEPEST_REFERENCE = 6  # levels below a clip that others may refer to
+SAMPLE_FRAMES = 1500  # of a clip that a model is learned from
 CACHED_REFERENCES = 512  # a worker keeps so many decoded clips that others refer to
 
 
@@ -79,7 +80,8 @@ def sample_of(item: Prepared, family: Family, settings: Settings) -> Sample:
     """Return one clip to learn from."""
     clip = read_clip(item.source.path, settings.units)
     goal = goal_of(clip, item.rig, family, limits_of(clip, settings.bounds))
-    return Sample(goal.path, goal.path[:1], goal.nodes, goal.yardstick)
+    path, yardstick = goal.run(0, SAMPLE_FRAMES)
+    return Sample(path, path[:1], goal.nodes, yardstick)
 
 
 @dataclass(eq=False)
@@ -133,9 +135,7 @@ def encode_assigned(
             clip = read_clip(item.source.path, settings.units)
             limits = limits_of(clip, settings.bounds)
             references = [
-                (number, found)
-                for number, name in work.references
-                if (found := _reference(Path(scratch) / name)) is not None
+                (number, _reference(Path(scratch) / name)) for number, name in work.references
             ]
             made = encoder.encode(clip, item.rig, item.rig_number, limits, references)
             if work.scratch is not None:
@@ -165,16 +165,21 @@ def save_reference(path: Path, reference: Reference) -> None:
 _cache: OrderedDict[Path, Reference] = OrderedDict()
 
 
-def _reference(path: Path) -> Reference | None:
-    """Return what a worker left, or None if that clip could not be encoded."""
+def _reference(path: Path) -> Reference:
+    """Return what a worker left. Raises `ArchiveError`."""
     if path in _cache:
         _cache.move_to_end(path)
         return _cache[path]
-    if not path.exists():
-        return None
-    with np.load(path) as arrays:
-        memory = Memory(arrays["keys"], arrays["follows"])
-        reference = Reference(memory, arrays["poses"])
+    try:
+        with np.load(path) as arrays:
+            memory = Memory(arrays["keys"], arrays["follows"])
+            reference = Reference(memory, arrays["poses"])
+    except (OSError, ValueError, KeyError) as problem:
+        raise ArchiveError(
+            f"what another worker left cannot be read ({problem})",
+            file=path,
+            advice="All workers must see the archive folder under the same path",
+        ) from problem
     _cache[path] = reference
     if len(_cache) > CACHED_REFERENCES:
         _cache.popitem(last=False)

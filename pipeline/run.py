@@ -250,6 +250,7 @@ class _Job:
             generation,
             sum(len(ledger.rows) for ledger in ledgers.values()),
             self.folder,
+            {name: survey.frames for name, survey in surveys.items()},
         )
         error_sum = 0.0
         stages = self.report.seconds

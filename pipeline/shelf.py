@@ -65,6 +65,8 @@ class Shelf:
         model = self._store.models.get((model_key(rig), generation))
         if model is None:
             raise DamagedError(f"generation {generation} has no motion model for its rig")
+        if model.rows != 2 * rig.skeleton.joints:
+            raise DamagedError(f"generation {generation} has the motion model of another rig")
         return model
 
     def decode(
@@ -114,13 +116,13 @@ class Shelf:
         return [self._reference(number, rig, generation, depth) for number in numbers]
 
     def _reference(self, number: int, rig: Rig, generation: int, depth: int) -> Reference:
-        key = (number, rig.family_key, generation)
+        key = (number, model_key(rig), generation)
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key]
         file, own_rig = self._find(number)
-        if own_rig.family_key != rig.family_key:
+        if model_key(own_rig) != model_key(rig):
             raise DamagedError(f"refers to clip {number}, which has another kind of rig")
         family = self._store.families[rig.family_key]
         decoded = decode_states(

@@ -44,7 +44,7 @@ class Store:
 
     ``rigs``: by number. ``families``: by key. ``patterns``: per family key, per part, the
     patterns of all generations in their order. ``models``: motion models by key (see
-    `motion_job.model_key`) and the generation that learned them.
+    `codec.motionmodel.model_key`) and the generation that learned them.
     """
 
     def __init__(self) -> None:

@@ -11,6 +11,7 @@ from math import isqrt
 
 import numpy as np
 import pytest
+from exact_doubles import geometric_counts, root, to_double
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -26,23 +27,18 @@ from motifold.codec.entropy import (
     least_bits,
 )
 from motifold.codec.errors import DamagedError, GuaranteeError
+from motifold.codec.sizeclasses import CLASSES as SIZES
+from motifold.codec.sizeclasses import (
+    ESCAPE,
+    class_counts,
+    class_floors,
+    class_models,
+    class_shift,
+)
 
 # blake2b of all 48 tables as little-endian doubles, from `exact_probabilities` below
 TABLES = "7692c24735adee4c2aa39527fdb795e8"
 WIDE = st.integers(-(2**46), 2**46)
-
-
-def to_double(value: Fraction) -> Fraction:
-    """The nearest IEEE 754 double, ties to even, as int / int in Python promises it."""
-    return Fraction(value.numerator / value.denominator)
-
-
-def root(value: Fraction) -> Fraction:
-    """The nearest double to a square root, from integers only."""
-    shift = 400  # far more digits than a double has, so that no tie is mistaken
-    floor = isqrt((value.numerator << (2 * shift)) // value.denominator)
-    sticky = Fraction(0) if Fraction(floor, 1 << shift) ** 2 == value else Fraction(1, 2)
-    return to_double((floor + sticky) / (1 << shift))
 
 
 def exact_probabilities(index: int) -> list[Fraction]:
@@ -53,17 +49,7 @@ def exact_probabilities(index: int) -> list[Fraction]:
     else:
         mean = root(to_double(floor * floor * root(Fraction(2)))) / 256
     scaled = mean / (1 << max(0, int(mean / 4).bit_length() - 1))
-    above = to_double(root(to_double(1 + to_double(scaled * scaled))) - 1)
-    theta = to_double(above / scaled)
-    weights = [Fraction(1)]
-    for _ in range(60):
-        weights.append(to_double(weights[-1] * theta))
-    total = Fraction(0)
-    for weight in weights:
-        total = to_double(total + weight)
-    total = to_double(total * 2 - 1)
-    half = [int(to_double(weight / total) * 2**20) + 1 for weight in weights]
-    counts = [*half[:0:-1], *half, 16]
+    counts = geometric_counts(scaled)
     return [to_double(Fraction(count, sum(counts))) for count in counts]
 
 
@@ -196,6 +182,8 @@ READS: dict[str, Callable[[SymbolReader], object]] = {
     "many uniform": lambda reader: reader.uniform(10**12, 24),
     "differences": lambda reader: [reader.differences(100, 0) for _ in range(10**6)],
     "many differences": lambda reader: reader.differences(10**12, 5),
+    "sized": lambda reader: [reader.sized(np.zeros(500, np.int64)) for _ in range(10**6)],
+    "sized apart": lambda reader: [reader.sized(np.array([40])) for _ in range(10**6)],
 }
 
 
@@ -226,3 +214,108 @@ def test_any_bytes_are_numbers_or_damage(data: bytes, kinds: list[int]) -> None:
                 assert (reader.uniform(3, 1000) < 1000).all()
             else:
                 assert len(reader.differences(8, kind * 15)) == 8
+
+
+@st.composite
+def sized_numbers(draw: st.DrawFn) -> tuple[int, int]:
+    """A class and a number: near its size, anywhere, or as large as can be written."""
+    index = draw(st.integers(0, SIZES - 1))
+    most = min(2**46 << class_shift(index), 2**62)
+    near = 200 << class_shift(index)
+    return index, draw(
+        st.one_of(
+            st.integers(-near, near), st.integers(-most, most), st.sampled_from([0, most, -most])
+        )
+    )
+
+
+@given(st.lists(sized_numbers(), max_size=40), st.integers(0, 40))
+@settings(max_examples=150)
+def test_sized_numbers_come_back(drawn: list[tuple[int, int]], cut: int) -> None:
+    """In one call or two, with other kinds between them."""
+    classes = np.array([index for index, _ in drawn], np.int64)
+    values = np.array([value for _, value in drawn], np.int64)
+    writer = SymbolWriter()
+    writer.sized(values[:cut], classes[:cut])
+    writer.number(cut)
+    writer.sized(values[cut:], classes[cut:])
+    reader = SymbolReader(writer.to_bytes())
+    assert reader.sized(classes[:cut]).tolist() == values[:cut].tolist()
+    assert reader.number() == cut
+    assert reader.sized(classes[cut:]).tolist() == values[cut:].tolist()
+
+
+def test_a_class_for_every_number_or_none_is_written() -> None:
+    with pytest.raises(ValueError, match="zip"):
+        SymbolWriter().sized(np.array([1, 2]), np.array([3]))
+
+
+@pytest.mark.parametrize("index", range(SIZES))
+def test_sized_numbers_cost_what_their_tables_say(index: int) -> None:
+    rng = np.random.default_rng(index)
+    counts = np.array(class_counts(index), np.float64)
+    high = rng.choice(121, 1000, p=counts[:-1] / counts[:-1].sum())
+    shift = class_shift(index)
+    values = ((high - 60) << shift) + rng.integers(0, 1 << shift, 1000)
+    writer = SymbolWriter()
+    writer.sized(values, np.full(1000, index))
+    bits = -np.log2(counts[high] / counts.sum()).sum() + 1000 * shift
+    assert abs(8 * len(writer.to_bytes()) - bits) < 0.001 * bits + 70
+
+
+@pytest.mark.parametrize("index", [0, 3, 20, 60, SIZES - 1])
+def test_the_likeliest_numbers_are_not_overdrawn(index: int) -> None:
+    """A reader charges nothing that a writer did not pay: zeros for ever, at the floor."""
+    classes = np.full(50_000, index)
+    writer = SymbolWriter()
+    writer.sized(np.zeros_like(classes), classes)
+    data = writer.to_bytes()
+    assert 8 * len(data) >= 0.99 * 50_000 * class_floors()[index] - 64
+    assert not SymbolReader(data).sized(classes).any()
+
+
+@pytest.mark.parametrize("value", [2**47 + 100, -(2**47) - 100])
+def test_sized_numbers_that_do_not_fit_are_refused(value: int) -> None:
+    with pytest.raises(GuaranteeError, match="larger tolerance"):
+        SymbolWriter().sized(np.array([value]), np.array([20]))
+
+
+@pytest.mark.parametrize("number", [2**48 - 2, 2**48 - 3, 2**45])
+def test_escapes_beyond_64_bits_are_damage(number: int) -> None:
+    """A class with low bits shifts an escaped number further than an array can hold."""
+    writer = SymbolWriter()
+    writer._encoder.encode(ESCAPE, class_models()[SIZES - 1])
+    writer.number(number)
+    writer.uniform([0], 1 << class_shift(SIZES - 1))
+    with pytest.raises(DamagedError):
+        SymbolReader(writer.to_bytes()).sized(np.array([SIZES - 1]))
+
+
+@given(
+    st.binary(max_size=60),
+    st.lists(st.integers(0, SIZES - 1), min_size=1, max_size=60),
+)
+@settings(max_examples=150)
+def test_any_bytes_are_sized_numbers_or_damage(data: bytes, classes: list[int]) -> None:
+    reader = SymbolReader(data)
+    with contextlib.suppress(DamagedError):
+        for _ in range(3):
+            assert len(reader.sized(np.array(classes))) == len(classes)
+
+
+@given(
+    st.lists(sized_numbers(), min_size=30, max_size=60),
+    st.floats(0.0, 0.9),
+)
+def test_truncated_streams_are_other_numbers_or_damage(
+    drawn: list[tuple[int, int]], share: float
+) -> None:
+    """What was whole before the cut comes back; nothing but `DamagedError` is raised."""
+    classes = np.array([index for index, _ in drawn], np.int64)
+    values = np.array([value for _, value in drawn], np.int64)
+    writer = SymbolWriter()
+    writer.sized(values, classes)
+    data = writer.to_bytes()
+    with contextlib.suppress(DamagedError):
+        read = SymbolReader(data[: int(share * len(data))]).sized(classes)
+        assert len(read) == len(values)

@@ -210,14 +210,14 @@ def test_a_clip_like_another_costs_less_with_it_as_reference() -> None:
     references = ((4, reference_to(alone, model)),)
     without, _ = assert_kept(other, 0.1)
     with_it, decoded = assert_kept(other, 0.1, references=references)
-    assert len(with_it.data) < 0.9 * len(without.data)
+    assert len(with_it.data) < 0.85 * len(without.data)
     file = unpack_motion(with_it.data)
     with pytest.raises(UsageError, match="references"):
         decode_states(file, subject.rig, subject.codebook.family, model, ())
     preview = decode_motion(
         file, subject.rig, subject.codebook.family, model, [references[0][1]], core_only=True
     )
-    assert np.median(oracle.clip_error(decoded, preview)) < 5.0
+    assert np.median(oracle.clip_error(decoded, preview)) < 15.0
 
 
 @lru_cache(maxsize=1)

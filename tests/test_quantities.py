@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from decimal import Decimal
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,9 @@ from hypothesis import strategies as st
 
 from motifold.codec.errors import UsageError
 from motifold.workflows.quantities import (
+    parse_bound,
     parse_length,
+    parse_span_bound,
     show_bytes,
     show_duration,
     show_length,
@@ -50,6 +53,81 @@ def test_the_borders_of_what_can_be_kept_are_inside() -> None:
 def test_what_is_no_length_is_told_with_an_example(text: str) -> None:
     with pytest.raises(UsageError, match=re.escape(f"{text!r} is not a length") + ".*such as 1mm"):
         parse_length(text)
+
+
+NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=20).filter(str.strip)
+
+
+@given(NAMES, st.floats(1e-6, 1e6), st.sampled_from(["", " "]))
+def test_a_name_and_a_length_are_a_bound(name: str, number: float, space: str) -> None:
+    """Whatever is in the name, signs of equality too."""
+    found = parse_bound(f"{space}{name}{space}={space}{number}mm")
+    assert found[0] == name.strip()
+    assert found[1] == pytest.approx(number * 0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "bound"),
+    [
+        ("LeftFoot=0.2mm", ("LeftFoot", 0.02)),
+        ("*Hand* = 1 cm", ("*Hand*", 1.0)),
+        ("a=b=2m", ("a=b", 200.0)),
+    ],
+)
+def test_bounds(text: str, bound: tuple[str, float]) -> None:
+    found = parse_bound(text)
+    assert found[0] == bound[0]
+    assert found[1] == pytest.approx(bound[1])
+
+
+@pytest.mark.parametrize("text", ["", "LeftFoot", "=1mm", "  =1mm", "LeftFoot 1mm"])
+def test_what_is_no_bound_is_told_with_an_example(text: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(f"{text!r} is no bound") + ".*LeftFoot=0.2mm"):
+        parse_bound(text)
+
+
+@pytest.mark.parametrize("text", ["LeftFoot=", "LeftFoot=1", "LeftFoot=-1mm", "LeftFoot=1mm=x"])
+def test_bounds_need_a_length(text: str) -> None:
+    with pytest.raises(UsageError, match="is not a length"):
+        parse_bound(text)
+
+
+SECONDS = st.decimals(0, 10**4, allow_nan=False, places=3)
+
+
+@given(SECONDS, SECONDS, st.floats(1e-6, 1e6), st.sampled_from(["", " "]))
+def test_two_times_and_a_length_are_a_bound(
+    one: Decimal, other: Decimal, number: float, space: str
+) -> None:
+    start, stop = sorted([one, other])
+    text = f"{start}{space}s{space}-{space}{stop}s{space}={space}{number}mm"
+    found = parse_span_bound(text)
+    assert found[:2] == (float(start), float(stop))
+    assert found[2] == pytest.approx(number * 0.1)
+    if start < stop:
+        with pytest.raises(UsageError, match="no time span"):
+            parse_span_bound(f"{stop}s-{start}s=1mm")
+
+
+def test_a_time_span() -> None:
+    assert parse_span_bound("2s-3.5s=2mm") == (2.0, 3.5, 0.2)
+    assert parse_span_bound(".5s-.5s=1mm") == (0.5, 0.5, 0.1)
+
+
+@pytest.mark.parametrize(
+    "span", ["2-3", "2s", "2s-", "-2s", "2s-3", "3s-2s", "-1s-2s", "1m-2m", "1s-2s-3s", "٣s-4s"]
+)
+def test_what_is_no_time_span_is_told_with_an_example(span: str) -> None:
+    with pytest.raises(
+        UsageError, match=re.escape(f"{span!r} is no time span") + ".*2s-3.5s=0.2mm"
+    ):
+        parse_span_bound(f"{span}=1mm")
+
+
+@pytest.mark.parametrize("text", ["", "2s-3s", "=1mm"])
+def test_time_spans_need_a_length(text: str) -> None:
+    with pytest.raises(UsageError, match="is no bound"):
+        parse_span_bound(text)
 
 
 @given(st.floats(1e-5, 1e5))

@@ -1,0 +1,237 @@
+"""The envelope of version 2: whole files come back, and nothing else passes for one."""
+
+from __future__ import annotations
+
+import struct
+import time
+import zlib
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motifold.codec.anyfile import check_whole, unpack_any
+from motifold.codec.errors import DamagedError, MotifoldError, VersionError
+from motifold.codec.index_file import MAGIC, varint
+from motifold.codec.metrics import Errors
+from motifold.codec.motionfile import (
+    RUN_FRAMES,
+    VERSION,
+    MotionFile,
+    pack_motion,
+    runs_of,
+    unpack_motion,
+)
+
+FIXED = struct.Struct("<3sBIH")  # magic, version, checksum of header and cores, of the rests
+STREAMS = st.binary(max_size=40)
+NOTHING = Errors(0.0, 0.0, 0.0)
+
+
+@st.composite
+def certificates(draw: st.DrawFn) -> Errors:
+    """Maximum, and a mean and a percentile that are not above it."""
+    largest = draw(st.one_of(st.just(0.0), st.floats(1e-6, 1e4)))
+    shares = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(2e-5, 1.0))
+    return Errors(largest, largest * draw(shares), largest * draw(shares))
+
+
+@st.composite
+def files(draw: st.DrawFn) -> MotionFile:
+    """Files of no run, one, or several."""
+    frames = draw(st.one_of(st.integers(0, 3), st.integers(0, 6 * RUN_FRAMES)))
+    runs = len(runs_of(frames))
+    rests = tuple(draw(STREAMS) for _ in range(runs))
+    return MotionFile(
+        draw(st.integers(0, 2**40)),
+        draw(st.integers(0, 300)),
+        frames,
+        draw(st.integers(0, 7679)),
+        draw(certificates()),
+        draw(STREAMS),
+        tuple(draw(STREAMS) for _ in range(runs)),
+        rests,
+    )
+
+
+def made(seed: int, frames: int) -> MotionFile:
+    """A file of some ten bytes a stream."""
+    rng = np.random.default_rng(seed)
+    runs = len(runs_of(frames))
+    streams = [rng.bytes(int(rng.integers(1, 20))) for _ in range(2 * runs + 1)]
+    certificate = Errors(0.1, 0.02, 0.07)
+    cores, rests = tuple(streams[1 : runs + 1]), tuple(streams[runs + 1 :])
+    return MotionFile(3, 1, frames, 5000, certificate, streams[0], cores, rests)
+
+
+def rest_bytes(file: MotionFile) -> int:
+    assert file.rests is not None
+    return sum(map(len, file.rests))
+
+
+@given(files())
+def test_files_come_back(file: MotionFile) -> None:
+    data = pack_motion(file)
+    read = unpack_motion(data)
+    assert replace(read, certificate=NOTHING) == replace(file, certificate=NOTHING)
+    assert unpack_any(data) == read
+    check_whole(data)
+
+
+@given(files())
+def test_certificates_are_never_understated_and_little_overstated(file: MotionFile) -> None:
+    wanted, told = file.certificate, unpack_motion(pack_motion(file)).certificate
+    assert wanted.maximum <= told.maximum <= wanted.maximum * (1 + 2**-23)
+    for true, read in ((wanted.mean, told.mean), (wanted.percentile_99, told.percentile_99)):
+        assert true <= read <= told.maximum
+        assert read <= true * 2.0 ** (1 / 16) * (1 + 1e-6)
+
+
+@given(st.floats(1e-6, 1e4), st.floats(0.0, 2e-5))
+def test_errors_far_below_the_largest_are_never_understated(largest: float, share: float) -> None:
+    file = replace(made(0, 5), certificate=Errors(largest, largest * share, largest))
+    told = unpack_motion(pack_motion(file)).certificate
+    assert largest * share <= told.mean <= 2.1e-5 * largest
+
+
+@pytest.mark.parametrize("largest", [0.25, float(np.float32(0.1)), float(np.float32(3.7))])
+def test_errors_a_hair_above_what_a_code_says_are_not_understated(largest: float) -> None:
+    for code in range(1, 255):
+        mean = float(np.nextafter(largest * 2.0 ** (-code / 16), np.inf))
+        file = replace(made(0, 5), certificate=Errors(largest, mean, mean))
+        told = unpack_motion(pack_motion(file)).certificate
+        assert mean <= told.mean == told.percentile_99 <= 1.05 * mean
+
+
+@given(st.integers(0, 10**6))
+def test_runs_cover_the_frames_in_order(frames: int) -> None:
+    runs = runs_of(frames)
+    assert all(0 < high - low <= RUN_FRAMES for low, high in runs)
+    assert all(before[1] == after[0] for before, after in pairwise(runs))
+    assert not runs or (runs[0][0], runs[-1][1]) == (0, frames)
+    assert bool(runs) == bool(frames)
+
+
+@given(files(), st.data())
+def test_any_prefix_that_covers_the_cores_is_enough_for_them(
+    file: MotionFile, data: st.DataObject
+) -> None:
+    whole = pack_motion(file)
+    cores_end = len(whole) - rest_bytes(file)
+    prefix = whole[: data.draw(st.integers(cores_end, len(whole)))]
+    read = unpack_motion(prefix, prefix_only=True)
+    assert read.rests is None
+    assert replace(read, rests=file.rests) == unpack_motion(whole)
+    assert unpack_any(prefix, prefix_only=True) == read
+    with pytest.raises(DamagedError):
+        unpack_motion(whole[: data.draw(st.integers(0, cores_end - 1))], prefix_only=True)
+
+
+@pytest.mark.parametrize("frames", [0, 1, 300, 2500])
+def test_every_truncation_is_damage(frames: int) -> None:
+    data = pack_motion(made(frames, frames))
+    for length in range(len(data)):
+        with pytest.raises(DamagedError):
+            unpack_motion(data[:length])
+    with pytest.raises(DamagedError):
+        unpack_motion(data + b"\1")
+
+
+@pytest.mark.parametrize("frames", [1, 2500])
+def test_every_changed_byte_is_noticed(frames: int) -> None:
+    """Whatever a byte is changed to; the version's byte may name another version."""
+    data = pack_motion(made(frames, frames))
+    for place in range(len(data)):
+        for change in range(1, 256):
+            wrong = bytearray(data)
+            wrong[place] ^= change
+            with pytest.raises(VersionError if place == 3 else DamagedError):
+                unpack_motion(bytes(wrong))
+
+
+@pytest.mark.parametrize("place", range(500))
+def test_every_changed_bit_of_long_rests_is_noticed(place: int) -> None:
+    rng = np.random.default_rng(8)
+    data = pack_motion(replace(made(0, 9), rests=(rng.bytes(500),)))
+    for bit in range(8):
+        wrong = bytearray(data)
+        wrong[-1 - place] ^= 1 << bit
+        with pytest.raises(DamagedError, match="checksum of the rests"):
+            unpack_motion(bytes(wrong))
+
+
+def test_damage_of_the_rests_leaves_the_cores() -> None:
+    file = made(4, 2500)
+    data = bytearray(pack_motion(file))
+    data[-1] ^= 1
+    with pytest.raises(DamagedError, match="rests"):
+        unpack_motion(bytes(data))
+    assert unpack_motion(bytes(data), prefix_only=True).cores == file.cores
+
+
+def hostile(fields: list[int], body: bytes) -> bytes:
+    """A file whose checksums are right, whatever its header claims."""
+    prefix = b"".join(map(varint, fields)) + body
+    return FIXED.pack(MAGIC, VERSION, zlib.crc32(prefix), 0) + prefix  # of no rests: 0
+
+
+HUGE = 10**12
+
+
+@pytest.mark.parametrize(
+    ("fields", "body"),
+    [
+        ([0, 0, HUGE, 5], b""),
+        ([0, 0, HUGE, 5], b"\0" * 5000),
+        ([0, 0, 2**62, 5], b"\0" * 100),
+        ([0, 0, 2**24, 5], b"\0" * 5000),  # a run in three bytes
+        ([0, 0, 10 * RUN_FRAMES, 5], b""),  # no room for the lengths
+        ([0, 0, 5, 5, HUGE, 0], b"\0" * 6),
+        ([0, 0, 5, 5, 0, HUGE], b"\0" * 6),
+        ([0, 0, 2000, 5, 0, 0, 0, HUGE], b"\0" * 6),  # a rest
+        ([HUGE] * 4, b""),
+        ([0, 0, 5, 5, 0, 0], b"\0" * 5),  # half a certificate
+    ],
+)
+@pytest.mark.parametrize("prefix_only", [False, True])
+def test_hostile_headers_are_refused_quickly(
+    fields: list[int], body: bytes, prefix_only: bool
+) -> None:
+    data = hostile(fields, body)
+    began = time.perf_counter()
+    if prefix_only and fields[-1] == HUGE and len(fields) == 8:  # a rest that is not asked for
+        assert unpack_motion(data, prefix_only=True).frames == 2000
+    else:
+        with pytest.raises(DamagedError):
+            unpack_motion(data, prefix_only=prefix_only)
+    assert time.perf_counter() - began < 1.0
+
+
+@given(st.binary(max_size=200), st.booleans())
+@settings(max_examples=200)
+def test_any_bytes_after_a_right_checksum_are_a_file_or_damage(
+    body: bytes, prefix_only: bool
+) -> None:
+    data = hostile([], body)
+    try:
+        read = unpack_motion(data, prefix_only=prefix_only)
+    except MotifoldError:
+        return
+    assert sum(map(len, (read.head, *read.cores, *(read.rests or ())))) <= len(data)
+
+
+@pytest.mark.parametrize("data", [b"", b"MFI", b"MFI\2", b"BVH\2" + b"\0" * 40])
+def test_what_is_no_index_file_is_damage(data: bytes) -> None:
+    with pytest.raises(DamagedError):
+        unpack_motion(data)
+
+
+@pytest.mark.parametrize("version", [0, 1, 3, 255])
+def test_other_versions_are_told(version: int) -> None:
+    data = bytearray(pack_motion(made(1, 5)))
+    data[3] = version
+    with pytest.raises(VersionError, match=f"version {version}"):
+        unpack_motion(bytes(data))
