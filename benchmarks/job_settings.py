@@ -12,7 +12,7 @@ from rate_curves import Bound
 from motifold.pipeline.plan import Settings
 
 MEAN_SETTING = "mean_tolerance"
-MAX_PER_MEAN = 5.0  # what the largest error is to the mean one, as a rule
+MAX_PER_MEAN = 100.0  # the largest error is all but free where the mean one is bounded
 
 
 def bounds_mean() -> bool:
@@ -25,8 +25,7 @@ def settings_for(
 ) -> Settings:
     """Return settings that bound the largest error, or the mean error where there is that.
 
-    The mean bound takes the place of the tolerance, which is set to what goes with it, because
-    it also sizes the clusters. ``changes``: as for `with_overrides`.
+    ``changes``: as for `with_overrides`.
     """
     values: dict[str, Any] = {"tolerance": centimetres}
     if bound == "mean" and bounds_mean():

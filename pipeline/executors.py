@@ -187,7 +187,7 @@ def executor(workers: int | None = None, scheduler: str | None = None) -> Iterat
 
     ``workers``: local processes (None: one per core); 0 or 1 means serial, in this process.
     ``scheduler``: address of a running Dask scheduler, such as ``tcp://host:8786``, whose
-    workers see the library under the same paths. Raises `SchedulerError`.
+    workers see library and archive under the same paths. Raises `SchedulerError`.
     """
     count = workers if workers is not None else (os.cpu_count() or 1)
     if scheduler is None and count <= 1:
