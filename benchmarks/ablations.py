@@ -24,6 +24,12 @@ from motifold.workflows.quantities import parse_length
 
 VARIANTS: dict[str, Mapping[str, Any]] = {
     "default": {},
+    "no references": {"references": 0},
+    "2 references": {"references": 2},
+    "16 references": {"references": 16},
+    "prediction not learned": {"model": "basis"},
+    "nothing learned": {"model": "fixed"},
+    "neither": {"references": 0, "model": "fixed"},
 }
 """Name to changed settings; a dot goes into nested rules: ``clusters.radius_coefficient``."""
 

@@ -39,7 +39,6 @@ MOST_EARLIER = 512  # clips of earlier jobs that a job's clips may refer to
 SAMPLE_CLIPS = 240  # that a model is learned from at the most
 LEAST_CLIPS = 4  # fewer are not worth learning from
 SMALL_MODEL = 0.03  # of the archive
-REFERENCES = 8
 COARSE = 0.4  # centimetres of a step, from which blocks are twice as long
 SCRATCH = ".scratch"
 
@@ -140,17 +139,19 @@ class MotionJob:
             rows = 2 * rig.skeleton.joints
             plain = fixed_model(rows, span)
             self.models[key] = 0, plain
-            if len(names) < LEAST_CLIPS:
+            if len(names) < LEAST_CLIPS or self.settings.model == "fixed":
                 continue
             chosen = names[:: -(-len(names) // SAMPLE_CLIPS)]
             family = self.families[rig.family_key]
             samples = [sample_of(items[name], family, self.settings) for name in chosen]
             begin = fixed_model(rows, span * 2) if step >= COARSE and span < 16 else plain
             manner = Manner(int(step * (1 << 24)), THRIFT)
-            finder = ReferenceFinder(REFERENCES + 1)
+            finder = ReferenceFinder(self.settings.references + 1)
             finder.add([sketches[name] for name in chosen])
             neighbours = [
-                [other for other in finder.find(sketches[name]) if other != at][:REFERENCES]
+                [other for other in finder.find(sketches[name]) if other != at][
+                    : self.settings.references
+                ]
                 for at, name in enumerate(chosen)
             ]
             share = sum(self.frames[name] for name in names) / sum(
@@ -158,7 +159,7 @@ class MotionJob:
             )
             usual = usual_pose(rig, family)
             best = _bits(samples, plain, manner) / 8.0 * share
-            for keep_weights in (False, True):
+            for keep_weights in (False, True) if self.settings.model == "learned" else (True,):
                 model = one_thread(learn, samples, begin, manner, usual, neighbours, keep_weights)
                 stored = len(write_model(model))
                 cost = _bits(samples, model, manner) / 8.0 * share + stored
@@ -201,7 +202,7 @@ class MotionJob:
         levels: list[list[tuple[str, list[str | int]]]] = []
         for key, names in groups.items():
             level = levels_of(len(names), self.settings.seed)
-            finder = ReferenceFinder(REFERENCES)
+            finder = ReferenceFinder(self.settings.references)
             before = earlier.get(key, {})
             order: list[str | int] = [*before]
             finder.add([*before.values()])

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from ..codec.errors import UsageError
 from ..codec.formats.units import parse_units
 from ..codec.limits import Bounds
+from ..codec.motionhead import MOST_REFERENCES
 from ..codec.segments import SegmentRules
 from .clustering import ClusterRules
 from .discover import Source
@@ -26,7 +27,9 @@ class Settings:
     ``units``: length unit to assume for all files (None: as each says, or estimated).
     ``seed``: of the random choices that clustering by average error makes, and of which clips
     others are predicted from. ``codec``: ``patterns`` writes index files of version 1,
-    ``learned`` of version 2. Raises `UsageError`.
+    ``learned`` of version 2, in which a clip is predicted from up to ``references`` others
+    with a ``model`` that is learned where that saves bytes, learned but for the prediction
+    (``basis``), or ``fixed``. Raises `UsageError`.
     """
 
     tolerance: float = 0.1
@@ -38,6 +41,8 @@ class Settings:
     mean_tolerance: float | None = None
     joint_tolerances: tuple[tuple[str, float], ...] = ()
     span_tolerances: tuple[tuple[float, float, float], ...] = ()
+    references: int = 8
+    model: Literal["learned", "basis", "fixed"] = "learned"
 
     def __post_init__(self) -> None:
         if not 1e-4 <= self.tolerance <= 1000.0:
@@ -52,6 +57,12 @@ class Settings:
                 )
         if self.codec not in ("patterns", "learned"):
             raise UsageError(f"unknown codec {self.codec!r}", advice="Use learned or patterns")
+        if self.model not in ("learned", "basis", "fixed"):
+            raise UsageError(f"unknown model {self.model!r}", advice="Use learned, basis or fixed")
+        if not 0 <= self.references <= MOST_REFERENCES:
+            raise UsageError(
+                f"{self.references} references", advice=f"Choose from 0 to {MOST_REFERENCES}"
+            )
         if self.codec == "patterns" and (self.mean_tolerance is not None or self._local):
             raise UsageError("the codec of version 1 bounds the largest error only")
         if self.units is not None:

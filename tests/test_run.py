@@ -17,6 +17,8 @@ from motifold.codec.bodyparts import load_parts
 from motifold.codec.encode import measure
 from motifold.codec.errors import ArchiveError, UsageError
 from motifold.codec.formats.files import clip_bytes, read_clip
+from motifold.codec.motionfile import MotionFile
+from motifold.codec.motionhead import read_references
 from motifold.codec.segments import SegmentRules, clip_segments
 from motifold.pipeline import plan, run
 from motifold.pipeline.archive import Archive
@@ -489,3 +491,20 @@ def test_one_process_may_write_an_archive_twice(small_library: Path, tmp_path: P
                 assert measure(read_clip(small_library / name), decoded).maximum <= (
                     certificate.maximum + 1e-6
                 )
+
+
+@pytest.mark.parametrize("changes", [{"references": 0}, {"model": "basis"}, {"model": "fixed"}])
+def test_parts_of_the_codec_can_be_left_out(
+    changes: dict[str, Any], small_library: Path, tmp_path: Path
+) -> None:
+    settings = Settings(**changes)
+    report = archive_library(small_library, tmp_path / "a", settings, workers=0)
+    assert_whole(tmp_path / "a", sorted(path.name for path in small_library.iterdir()))
+    assert report.max_error <= settings.tolerance
+    with Archive(tmp_path / "a") as archive:
+        files = [clip.index() for clip in archive.values()]
+        assert all(isinstance(file, MotionFile) for file in files)
+        if changes.get("model") == "fixed":
+            assert not archive.store.models
+        if changes.get("references") == 0:
+            assert not any(read_references(file.head) for file in files)  # type: ignore[union-attr]

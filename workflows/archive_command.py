@@ -75,6 +75,12 @@ def archive(
     codec: Annotated[
         str, typer.Option(help="learned (version 2), or patterns (version 1, for comparison).")
     ] = "learned",
+    references: Annotated[
+        int, typer.Option(min=0, help="Clips that a clip is predicted from at the most.")
+    ] = 8,
+    model: Annotated[
+        str, typer.Option(help="learned, basis (all but the prediction) or fixed.")
+    ] = "learned",
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Archive the motion files of LIBRARY into ARCHIVE.
@@ -96,6 +102,8 @@ def archive(
         clusters=ClusterRules(cluster_bound, cluster_radius),  # type: ignore[arg-type]
         seed=seed,
         codec=codec,  # type: ignore[arg-type]
+        references=references,
+        model=model,  # type: ignore[arg-type]
     )
     line = ProgressLine()
     report = archive_library(
