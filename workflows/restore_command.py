@@ -18,7 +18,7 @@ def restore(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = ...,  # type: ignore[assignment]
     tier: Annotated[
-        str, typer.Option(help="tolerance: inside the certified error; preview: patterns only.")
+        str, typer.Option(help="tolerance: inside the certified error; preview: a quick sketch.")
     ] = "tolerance",
     format: Annotated[
         str | None, typer.Option(help="bvh, trc or npz. Default: the source's, where possible.")
