@@ -34,7 +34,7 @@ whole = run.write_whole
 def slowly(path, data):
     whole(path, data)
     print("working", file=sys.stderr, flush=True)
-    time.sleep(0.3)
+    time.sleep(5.0)  # the test is sure to come before it is over
 run.write_whole = slowly
 if __name__ == "__main__":
     main()
