@@ -48,12 +48,12 @@ def learn(
     for sample in samples:
         state = walked(sample, model, nothing, manner).state[: len(sample.goal)]
         references.append(reference_of([state], sample.nodes, model))
-    memories = [
+    memories = (  # one at a time: together they take much memory
         joined([references[other].memory for other in others], model.rows, model.channels)
         if at % ALONE
         else nothing
         for at, others in enumerate(neighbours)
-    ]
+    )
     model = fit_all_sizes(samples, model, manner, memories)
     empty = np.zeros((0, model.rows, 4), np.int64)
     poses = [

@@ -32,6 +32,11 @@ class Reference:
     memory: Memory
     poses: IntArray
 
+    @property
+    def size(self) -> int:
+        """Bytes of memory that it takes."""
+        return self.memory.keys.nbytes + self.memory.follows.nbytes + self.poses.nbytes
+
 
 def reference_of(states: Sequence[IntArray], nodes: Nodes, model: MotionModel) -> Reference:
     """Return what a clip's decoded runs, (frames, nodes, 4) each, offer to others."""

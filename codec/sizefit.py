@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -62,7 +62,7 @@ def _gather_signs(
 
 
 def fit_all_sizes(
-    samples: Sequence[Sample], model: MotionModel, manner: Manner, memories: Sequence[Memory]
+    samples: Sequence[Sample], model: MotionModel, manner: Manner, memories: Iterable[Memory]
 ) -> MotionModel:
     """Return the model with expected sizes fitted to what closed-loop walks quantise."""
     signs: list[list[IntArray]] = [[] for _ in range(model.rows)]

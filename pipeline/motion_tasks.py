@@ -32,7 +32,7 @@ from .tasks import EncodedBatch, EncodedClip, Prepared, attempt, lost_failures
 
 DEEPEST_REFERENCE = 6  # levels below a clip that others may refer to
 SAMPLE_FRAMES = 1500  # of a clip that a model is learned from
-CACHED_REFERENCES = 512  # a worker keeps so many decoded clips that others refer to
+CACHED_BYTES = 96 << 20  # of decoded clips that others refer to, which a worker keeps
 
 
 @dataclass(eq=False)
@@ -181,7 +181,7 @@ def _reference(path: Path) -> Reference:
             advice="All workers must see the archive folder under the same path",
         ) from problem
     _cache[path] = reference
-    if len(_cache) > CACHED_REFERENCES:
+    while len(_cache) > 1 and sum(kept.size for kept in _cache.values()) > CACHED_BYTES:
         _cache.popitem(last=False)
     return reference
 

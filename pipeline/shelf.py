@@ -24,7 +24,7 @@ from .layout import index_path
 from .ledger import Ledger
 from .store import Store
 
-KEPT = 768  # decoded clips, some 200 KB each
+KEPT_BYTES = 192 << 20  # of decoded clips that others refer to
 DEEPEST = 16
 
 
@@ -40,6 +40,7 @@ class Shelf:
         self._find = find
         self._kept: OrderedDict[tuple[int, str, int], Reference] = OrderedDict()
         self._depths: dict[int, int] = {}
+        self._held = 0
         self._lock = threading.RLock()
 
     @classmethod
@@ -134,7 +135,10 @@ class Shelf:
         )
         made = reference_of(decoded.states, decoded.nodes, self.model(rig, generation))
         with self._lock:
+            if key in self._kept:  # another thread was quicker
+                return self._kept[key]
             self._kept[key] = made
-            if len(self._kept) > KEPT:
-                self._kept.popitem(last=False)
+            self._held += made.size
+            while len(self._kept) > 1 and self._held > KEPT_BYTES:
+                self._held -= self._kept.popitem(last=False)[1].size
         return made
