@@ -159,8 +159,15 @@ class MotionJob:
             )
             usual = usual_pose(rig, family)
             best = _bits(samples, plain, manner) / 8.0 * share
-            for keep_weights in (False, True) if self.settings.model == "learned" else (True,):
-                model = one_thread(learn, samples, begin, manner, usual, neighbours, keep_weights)
+            tried = [
+                (begin, False),
+                *([(plain, False)] if begin is not plain else []),
+                (begin, True),
+            ]
+            for start, keep_weights in tried:
+                if not keep_weights and self.settings.model == "basis":
+                    continue
+                model = one_thread(learn, samples, start, manner, usual, neighbours, keep_weights)
                 stored = len(write_model(model))
                 cost = _bits(samples, model, manner) / 8.0 * share + stored
                 if cost < best:
