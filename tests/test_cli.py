@@ -27,14 +27,15 @@ MOTIFOLD = (sys.executable, "-m", "motifold")
 COMMANDS = ("archive", "restore", "verify", "info", "demo")
 # Says on standard error that the first index file is written, and goes slowly from there.
 SLOWLY = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have set it to be ignored
 import motifold.pipeline.run as run
 from motifold.workflows.cli import main
 whole = run.write_whole
 def slowly(path, data):
     whole(path, data)
     print("working", file=sys.stderr, flush=True)
-    time.sleep(5.0)  # the test is sure to come before it is over
+    time.sleep(2.0)  # the test comes before it is over
 run.write_whole = slowly
 if __name__ == "__main__":
     main()
