@@ -165,7 +165,7 @@ def show_report(report: Report) -> None:
         ]
     rows += [
         ["whole archive, with store", show_bytes(report.archive_bytes)],
-        ["patterns in the store", f"{report.patterns:,}"],
+        *([["patterns in the store", f"{report.patterns:,}"]] if report.patterns else []),
         ["time", show_duration(sum(report.seconds.values()))],
     ]
     if report.clips and not report.unchanged:

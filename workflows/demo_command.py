@@ -75,7 +75,6 @@ def _run(folder: Path, clips: int, seed: int, tolerance: float, workers: int | N
             ["archive, with store", show_bytes(report.archive_bytes)],
             ["source : archive", show_ratio(report.source_bytes, report.archive_bytes)],
             ["float32 : archive", show_ratio(report.float32_bytes, report.archive_bytes)],
-            ["patterns", f"{report.patterns:,}"],
             ["largest error, measured", show_length(found.max_error)],
             ["mean error", show_length(report.mean_error)],
             ["time to archive", show_duration(sum(report.seconds.values()))],
