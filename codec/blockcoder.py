@@ -15,6 +15,7 @@ from .blockcontext import LEVER_BITS, back, describe, key_of, pose, turn_at
 from .clip import FloatArray, IntArray
 from .compiled import compiled
 from .fixedpoint import between, log2_of, rotated
+from .motionmodel import GROUPS, SIGNS
 from .nodes import AXES, CARRIER, GUIDE, KIND, LEVER, PLACE, ROW
 from .quaternionlog import vector_to
 from .recall import FollowArray, KeyArray, predict, recall
@@ -22,8 +23,6 @@ from .sizeclasses import class_of
 
 FINENESS = 64  # of a refinement, × 1/256 octave: a quarter octave
 MOST_FINE = 24  # refinements: 1/64 of the step
-SIGNS = 10
-GROUPS = 3
 
 
 @compiled

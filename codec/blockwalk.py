@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .blockcoder import MOST_FINE, SIGNS, choose, expect, fine_step, settle, wanted
+from .blockcoder import MOST_FINE, choose, expect, fine_step, settle, wanted
 from .blockcontext import pose
 from .clip import FloatArray, IntArray
 from .compiled import compiled
-from .motionmodel import MotionModel
+from .motionmodel import SIGNS, MotionModel
 from .nodes import FOLLOWER, KIND, Nodes
 from .recall import FollowArray, KeyArray, Memory
 from .sizeclasses import class_costs

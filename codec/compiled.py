@@ -4,7 +4,7 @@ Loops that follow a clip block by block cannot be array operations: each block i
 the decoded one before. Floating-point contraction and reordering stay off (Numba's default):
 what a decoder computes must not depend on the processor.
 
-The compiled code is kept on disk, in a folder named after the sources of all compiled modules
+The compiled code is kept on disk, in a folder named after the sources of all modules
 together, because Numba's own cache only looks at the file of the outermost function, and would
 go on using a loop whose inner functions have changed.
 """
@@ -43,9 +43,7 @@ def _cache_folder() -> str | None:
     here = Path(__file__).parent
     sources = hashlib.blake2b(digest_size=8)
     for path in sorted(here.glob("*.py")):
-        text = path.read_bytes()
-        if b"compiled" in text:
-            sources.update(text)
+        sources.update(path.read_bytes())  # constants of any of them are compiled in
     home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     for base in (here / "__pycache__", Path(home).expanduser() / "motifold"):
         folder = base / f"compiled-{sources.hexdigest()}"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .blockcoder import MOST_FINE, SIGNS, expect, settle
+from .blockcoder import MOST_FINE, expect, settle
 from .blockcontext import pose as pose_node
 from .blockwalk import Walk
 from .clip import IntArray
@@ -19,7 +19,7 @@ from .compiled import compiled
 from .entropy import SymbolReader, SymbolWriter
 from .errors import DamagedError
 from .motifs import preview_state, read_motifs, write_motifs
-from .motionmodel import MotionModel
+from .motionmodel import SIGNS, MotionModel
 from .nodes import FOLLOWER, KIND, Nodes
 from .recall import FollowArray, KeyArray, Memory
 from .startpose import start_classes, start_node

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize
 
-from .blockcoder import SIGNS, expect, settle
+from .blockcoder import expect, settle
 from .clip import FloatArray, IntArray
 from .compiled import compiled
-from .motionmodel import GROUPS, MotionModel
+from .motionmodel import GROUPS, SIGNS, MotionModel
 from .nodes import FOLLOWER, KIND, ROW
 from .recall import FollowArray, KeyArray, Memory
 from .samples import Manner, Sample, walked
