@@ -84,7 +84,9 @@ def run_stages(paths: list[Path], sources: list[Any], settings: Settings, profil
         raise SystemExit(f"{failure.name}: {failure.reason}")
     store = Store()
     for key, sketch in survey.families.items():
-        family = found_family(sketch.rig, sketch.usual, sketch.bones, sketch.head_diagonal)
+        family = found_family(
+            sketch.rig, sketch.usual, sketch.bones, sketch.bends, sketch.head_diagonal
+        )
         store.add_family(family)
         assert family.key == key
 

@@ -16,9 +16,10 @@ from .clip import FloatArray, IntArray
 from .compiled import compiled
 from .fixedpoint import between, log2_of, rotated
 from .motionmodel import GROUPS, SIGNS
-from .nodes import AXES, CARRIER, GUIDE, KIND, LEVER, PLACE, ROW
+from .nodes import AXES, CARRIER, GUIDE, HINGE, KIND, LEVER, PLACE, ROW, SCALE
 from .quaternionlog import vector_to
 from .recall import FollowArray, KeyArray, predict, recall
+from .scaling import signal_of
 from .sizeclasses import class_of
 
 FINENESS = 64  # of a refinement, × 1/256 octave: a quarter octave
@@ -177,11 +178,14 @@ def wanted(
             out[3 * i + 1] = (y * lever) >> LEVER_BITS
             out[3 * i + 2] = (z * lever) >> LEVER_BITS
             continue
-        x, y, z = vector_to(between(turn_at(state, last, node), turn_at(goal, start + i, node)))
-        scale = lever * float(1 << (20 - LEVER_BITS))
-        out[3 * i] = round(x * scale)
-        out[3 * i + 1] = round(y * scale)
-        out[3 * i + 2] = round(z * scale)
+        before, aim = turn_at(state, last, node), turn_at(goal, start + i, node)
+        if table[node, KIND] == HINGE:
+            guide = table[node, GUIDE]
+            before = between(turn_at(state, last, guide), before)
+            aim = between(turn_at(goal, start + i, guide), aim)
+        x, y, z = vector_to(between(before, aim))
+        x, y, z = signal_of(table[node, SCALE:], x, y, z)
+        out[3 * i], out[3 * i + 1], out[3 * i + 2] = round(x), round(y), round(z)
 
 
 @compiled

@@ -24,9 +24,10 @@ from .fixedpoint import (
     unit,
     vector_of,
 )
-from .nodes import AXES, CARRIER, FOLLOWER, GUIDE, KIND, LEVER, PLACE, TURN
+from .nodes import AXES, CARRIER, FOLLOWER, GUIDE, HINGE, KIND, LEVER, PLACE, SCALE
+from .scaling import FROM_ANGLES, FROM_TURNS, LENGTH_BITS, to_angles, to_lengths
 
-UNIT_BITS = 20  # signals and features: 2^-20 cm
+UNIT_BITS = LENGTH_BITS
 LEVER_BITS = 4
 LAGS = 4
 POSE_CENTIMETRES = 10  # a radian of the pose feature counts for so much
@@ -63,11 +64,32 @@ def back(a: Turn) -> Turn:
 
 
 @compiled
-def turned_by(state: IntArray, node: int, last: int, frame: int, lever: int) -> Vector:
-    """Return how a turn differs at ``frame`` from ``last``, in its axes there, × lever."""
-    x, y, z = vector_of(between(turn_at(state, last, node), turn_at(state, frame, node)))
-    shift = TO_FEATURE + LEVER_BITS
-    return (x * lever) >> shift, (y * lever) >> shift, (z * lever) >> shift
+def turned_by(state: IntArray, node: int, last: int, frame: int) -> Vector:
+    """Return how a turn differs at ``frame`` from ``last``, in its axes there, radians × 2^30."""
+    return vector_of(between(turn_at(state, last, node), turn_at(state, frame, node)))
+
+
+@compiled
+def bent_by(state: IntArray, node: int, guide: int, last: int, frame: int) -> Vector:
+    """Return the same of a turn as its guide sees it."""
+    before = between(turn_at(state, last, guide), turn_at(state, last, node))
+    after = between(turn_at(state, frame, guide), turn_at(state, frame, node))
+    return vector_of(between(before, after))
+
+
+@compiled
+def moved_in_lengths(state: IntArray, table: IntArray, node: int, last: int, frame: int) -> Vector:
+    """Return the signal (2^-20 cm) that a node's motion from ``last`` to ``frame`` is.
+
+    A place's is not yet turned into its axes.
+    """
+    if table[node, KIND] == PLACE:
+        return moved_by(state, node, last, frame, table[node, LEVER])
+    if table[node, KIND] == HINGE:
+        x, y, z = bent_by(state, node, table[node, GUIDE], last, frame)
+    else:
+        x, y, z = turned_by(state, node, last, frame)
+    return to_lengths(table[node, SCALE:], x, y, z, FROM_TURNS)
 
 
 @compiled
@@ -101,7 +123,6 @@ def describe(
     last = start - 1
     axes = table[node, AXES]
     place = table[node, KIND] == PLACE
-    lever = table[node, LEVER]
     guide, carrier = table[node, GUIDE], table[node, CARRIER]
     out[:] = 0
     inverse = (ONE, 0, 0, 0)
@@ -110,12 +131,9 @@ def describe(
     at = 0
     for k in range(LAGS):
         frame = max(last - lags[k], 0)
-        if place:
-            x, y, z = moved_by(state, node, last, frame, lever)
-            if axes >= 0:
-                x, y, z = rotated(inverse, x, y, z)
-        else:
-            x, y, z = turned_by(state, node, last, frame, lever)
+        x, y, z = moved_in_lengths(state, table, node, last, frame)
+        if place and axes >= 0:
+            x, y, z = rotated(inverse, x, y, z)
         out[at], out[at + 1], out[at + 2] = x, y, z
         at += 3
     if guide >= 0 and not place:
@@ -160,9 +178,10 @@ def _follow(
     at: int,
 ) -> None:
     """Write what ``other`` does in this block, and did in two frames before, in node's axes."""
-    same_kind = table[node, KIND] == table[other, KIND]
-    # a turn's motion counts for a turn with the turn's own lever, for a place as it is
-    lever = table[node, LEVER] if same_kind and table[other, KIND] == TURN else table[other, LEVER]
+    # a turn's motion counts for a turn by what it would do there, for a place as it is
+    turns = table[node, KIND] != PLACE and table[other, KIND] != PLACE
+    hinge = table[other, KIND] == HINGE
+    own, theirs = table[node, SCALE:], table[other, SCALE:]
     from_axes = table[other, AXES]
     across = inverse
     if from_axes >= 0:
@@ -170,19 +189,27 @@ def _follow(
     if current:
         for i in range(span):
             x, y, z = signals[other, i, 0], signals[other, i, 1], signals[other, i, 2]
-            x = x * lever // table[other, LEVER]
-            y = y * lever // table[other, LEVER]
-            z = z * lever // table[other, LEVER]
+            if turns and hinge:  # its signals are not those of its turn in the world
+                x, y, z = turned_by(state, other, last, last + 1 + i)
+                x, y, z = x >> 2, y >> 2, z >> 2
+            elif turns:
+                x, y, z = to_angles(theirs, x, y, z)
             x, y, z = rotated(across, x, y, z)
+            if turns:
+                x, y, z = to_lengths(own, x, y, z, FROM_ANGLES)
             out[at + 3 * i], out[at + 3 * i + 1], out[at + 3 * i + 2] = x, y, z
     at += 3 * span
     for k in range(2):
         frame = max(last - lags[k], 0)
-        if table[other, KIND] == TURN:
-            x, y, z = turned_by(state, other, last, frame, lever)
+        if table[other, KIND] != PLACE:
+            x, y, z = turned_by(state, other, last, frame)
+            if not turns:
+                x, y, z = to_lengths(theirs, x, y, z, FROM_TURNS)
             x, y, z = rotated(across, x, y, z)
+            if turns:
+                x, y, z = to_lengths(own, x, y, z, FROM_TURNS)
         else:
-            x, y, z = moved_by(state, other, last, frame, lever)
+            x, y, z = moved_by(state, other, last, frame, table[other, LEVER])
             x, y, z = rotated(inverse, x, y, z)
         out[at + 3 * k], out[at + 3 * k + 1], out[at + 3 * k + 2] = x, y, z
 
@@ -227,16 +254,19 @@ def pose(
                 turn = unit(product(turn_at(state, start + i, guide), held))
             for c in range(4):
                 state[start + i, node, c] = turn[c]
-    elif kind == TURN:
+    elif kind != PLACE:
+        guide = table[node, GUIDE]
         before = turn_at(state, last, node)
-        shift = UNIT_BITS - LEVER_BITS  # 2^28 radians from 2^-20 cm over 1/16 cm a radian
+        if kind == HINGE:
+            before = between(turn_at(state, last, guide), before)
+        scale = table[node, SCALE:]
         for i in range(span):
-            step = turn_of(
-                (signals[node, i, 0] << (28 - shift)) // lever,
-                (signals[node, i, 1] << (28 - shift)) // lever,
-                (signals[node, i, 2] << (28 - shift)) // lever,
+            x, y, z = to_angles(
+                scale, signals[node, i, 0], signals[node, i, 1], signals[node, i, 2]
             )
-            turn = unit(product(before, step))
+            turn = unit(product(before, turn_of(x, y, z)))
+            if kind == HINGE:
+                turn = unit(product(turn_at(state, start + i, guide), turn))
             for c in range(4):
                 state[start + i, node, c] = turn[c]
     else:

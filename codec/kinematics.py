@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 import numpy as np
 
 from .clip import FloatArray, Skeleton
+
+# cm²: 3² for a point 3 cm away, and a third more because the worst of three points counts
+SHELL_INERTIA = 12.0
 
 
 def world_rotations(skeleton: Skeleton, rotations: FloatArray) -> FloatArray:
@@ -70,3 +75,29 @@ def levers(skeleton: Skeleton) -> FloatArray:
     for carrier, offset in zip(skeleton.end_parents, skeleton.end_offsets, strict=True):
         square[carrier] += (offset**2).sum()
     return np.asarray(np.sqrt(square))
+
+
+def inertia(skeleton: Skeleton, hinged: Set[int] = frozenset()) -> FloatArray:
+    """Return what a small turn of each joint's world orientation does (joints, 3, 3), cm².
+
+    e · M e is the summed squared displacement that the turn e (radians, in the joint's axes)
+    causes: 12 |e|² for the joint's shell, and |e × offset|² for every child and end site, as
+    often as joints hang on it, itself included. It is the inertia tensor of those points: a
+    twist about a bone moves nothing at the bone's end. A joint of ``hinged`` is measured against
+    its parent, which then turns all that hangs on it: a third of the trace of its inertia, as
+    its pose changes, counts for its parent about every axis.
+    """
+    hanging = hanging_joints(skeleton)
+    out = np.tile(SHELL_INERTIA * np.eye(3), (skeleton.joints, 1, 1))
+
+    def add(joint: int, mass: float, arm: FloatArray) -> None:
+        out[joint] += mass * ((arm**2).sum() * np.eye(3) - np.outer(arm, arm))
+
+    for carrier, offset in zip(skeleton.end_parents, skeleton.end_offsets, strict=True):
+        add(int(carrier), 1.0, offset)
+    for joint in range(skeleton.joints - 1, 0, -1):
+        parent = int(skeleton.parents[joint])
+        add(parent, hanging[joint], skeleton.offsets[joint])
+        if joint in hinged:
+            out[parent] += np.trace(out[joint]) / 3.0 * np.eye(3)
+    return out

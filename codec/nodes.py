@@ -1,7 +1,8 @@
 """What is coded of a clip, and in which order: three channels at a time, parents first.
 
-A *node* is one joint's orientation (a *turn*), one joint's or marker's position (a *place*), or
-a joint that keeps its angle to its parent through the clip and costs nothing (a *follower*).
+A *node* is one joint's orientation (a *turn*), that of a joint that bends about one axis of its
+parent only, measured against its guide (a *hinge*), one joint's or marker's position (a *place*),
+or a joint that keeps its angle to its parent through the clip and costs nothing (a *follower*).
 Nodes stand in levels: all that a node is predicted from lies in levels above its own, so that
 the nodes of a level are coded together.
 """
@@ -14,25 +15,31 @@ from functools import cached_property
 import numpy as np
 
 from .clip import IntArray, Skeleton
-from .rig import Family, Rig
+from .rig import LEVER_SCALE, Family, Rig
+from .scaling import SCALE_COLUMNS, scale_columns
 
-TURN, PLACE, FOLLOWER = 0, 1, 2
+TURN, PLACE, FOLLOWER, HINGE = 0, 1, 2, 3
 
 # Columns of the table that the compiled loops read.
-KIND, ROW, GUIDE, CARRIER, AXES, LEVER, JOINT = range(7)
+KIND, ROW, GUIDE, CARRIER, AXES, LEVER, JOINT, SCALE = range(8)
+COLUMNS = SCALE + SCALE_COLUMNS
+
+
+_UNSCALED = [0] * SCALE_COLUMNS
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
     """The nodes of one clip in coding order.
 
-    ``table``: (nodes, 7) whole numbers: ``KIND``; ``ROW``, which of the model's rows serves it
+    ``table``: (nodes, 19) whole numbers: ``KIND``; ``ROW``, which of the model's rows serves it
     (the joint's number for turns, joints + the joint's number for places); ``GUIDE``, the node
     whose motion it follows (-1: none); ``CARRIER``, the node of the root's path (-1: none, or
     the node is a place; of the first turn, which comes before it, only the path's past is
     seen); ``AXES``, the turn whose last decoded axes a place is measured in (-1: those of the
     world, or of the parent joint); ``LEVER``, in 1/16 cm per radian, or 1/16 for places;
-    ``JOINT``. ``levels``: (levels + 1,) borders between
+    ``JOINT``; from ``SCALE`` on, for turns and followers, what `scaling` makes signals with.
+    ``levels``: (levels + 1,) borders between
     them. ``top``, ``path``: the nodes of the first turn and of the root's path, or -1; of
     markers, the path is the root part's reference marker.
     """
@@ -94,24 +101,35 @@ def skeleton_nodes(
         if place:
             lever = int(family.shift_levers[joint])
             axes = number[False, top] if node == path and top is not None else -1
-            rows[node] = [PLACE, skeleton.joints + joint, axes, -1, axes, lever, joint]
+            rows[node] = [PLACE, skeleton.joints + joint, axes, -1, axes, lever, joint, *_UNSCALED]
             continue
         lever = int(family.levers[joint])
         if joint in still:
             guide = -1 if parent < 0 else number[False, parent]
-            rows[node] = [FOLLOWER, joint, guide, -1, -1, int(holding[joint]), joint]
+            lever = int(holding[joint])
+            scale = scale_columns(_isotropic(lever))
+            rows[node] = [FOLLOWER, joint, guide, -1, -1, lever, joint, *scale]
             continue
         while parent >= 0 and parent in still:
             parent = int(skeleton.parents[parent])
         guide = -1 if parent < 0 or joint == top else number[False, parent]
         carrier = -1 if path is None else number[path]
-        rows[node] = [TURN, joint, guide, carrier, number[node], lever, joint]
+        tensor = family.inertia[joint].tolist() if len(family.inertia) else _isotropic(lever)
+        scale = scale_columns(tensor)
+        kind = HINGE if guide >= 0 and joint in family.hinged else TURN
+        rows[node] = [kind, joint, guide, carrier, number[node], lever, joint, *scale]
     return Nodes(
-        np.array([rows[node] for node in order], np.int64).reshape(-1, 7),
+        np.array([rows[node] for node in order], np.int64).reshape(-1, COLUMNS),
         _borders([level[node] for node in order]),
         -1 if top is None else number[False, top],
         -1 if path is None else number[path],
     )
+
+
+def _isotropic(lever: int) -> list[int]:
+    """Return the inertia of a lever (1/16 cm per radian) that is the same about all axes."""
+    square = lever * lever * 256 // LEVER_SCALE**2
+    return [square, 0, 0, square, 0, square]
 
 
 def holding_levers(skeleton: Skeleton, family: Family) -> IntArray:
@@ -169,12 +187,13 @@ def marker_nodes(family: Family) -> Nodes:
             -1,
             int(family.shift_levers[marker]),
             marker,
+            *_UNSCALED,
         ]
         for marker in order
     ]
     borders = _borders([level[marker] for marker in order])
     root = number[parts[0].reference]
-    return Nodes(np.array(table, np.int64).reshape(-1, 7), borders, -1, root)
+    return Nodes(np.array(table, np.int64).reshape(-1, COLUMNS), borders, -1, root)
 
 
 def _borders(levels: list[int]) -> IntArray:

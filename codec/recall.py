@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .blockcontext import KEYS, describe, key_of, moved_by, turned_by
+from .blockcontext import KEYS, back, describe, key_of, moved_in_lengths, turn_at
 from .clip import IntArray
 from .compiled import compiled
 from .fixedpoint import rotated
-from .nodes import AXES, FOLLOWER, KIND, LEVER, PLACE, ROW
+from .nodes import AXES, FOLLOWER, KIND, PLACE, ROW
 
 NEIGHBOURS = 8
 STRIDE = 2  # frames between remembered moments
@@ -90,20 +90,11 @@ def signals_at(
 ) -> None:
     """Write the signals (span, 3) of a node whose frames are known into ``out``."""
     last = start - 1
-    lever, axes = table[node, LEVER], table[node, AXES]
+    axes = table[node, AXES]
     for i in range(span):
-        if table[node, KIND] == PLACE:
-            x, y, z = moved_by(state, node, last, start + i, lever)
-            if axes >= 0:
-                inverse = (
-                    state[last, axes, 0],
-                    -state[last, axes, 1],
-                    -state[last, axes, 2],
-                    -state[last, axes, 3],
-                )
-                x, y, z = rotated(inverse, x, y, z)
-        else:
-            x, y, z = turned_by(state, node, last, start + i, lever)
+        x, y, z = moved_in_lengths(state, table, node, last, start + i)
+        if table[node, KIND] == PLACE and axes >= 0:
+            x, y, z = rotated(back(turn_at(state, last, axes)), x, y, z)
         out[i, 0], out[i, 1], out[i, 2] = x, y, z
 
 

@@ -18,13 +18,16 @@ import numpy as np
 from .bodyparts import BodyPart
 from .clip import Clip, FloatArray, IntArray, Layout, MarkerClip, Skeleton, SkeletonClip
 from .errors import UnsupportedError
-from .kinematics import hanging_joints, levers
+from .kinematics import hanging_joints, inertia, levers
 from .rotations import from_quaternions, to_quaternions
+from .scaling import bounded
 
 Kind = Literal["skeleton", "markers"]
 
 CENTRE_SCALE = 32767
 LEVER_SCALE = 16
+STIFF = 1e-8  # squared sines: less than this is no turn
+HINGE_SHARE = 1e-4  # of the squared turns about its axis: what a hinge turns about another
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +127,12 @@ class Family:
 
     ``centres``: (joints, 4) int16 quaternions × 32767, the usual orientation of each joint
     relative to its parent part's reference joint; zeros for markers. ``levers``: (joints,)
-    turn levers in 1/16 cm per radian; ``shift_levers``: (joints,) weight of a joint's own
-    translation, in 1/16 (dimensionless). Integers, so that every machine reads the same.
+    turn levers in 1/16 cm per radian; ``inertia``: (joints, 6) in 1/256 cm², what a turn does by
+    its axis (xx, xy, xz, yy, yz, zz; see `kinematics.inertia`); ``shift_levers``: (joints,)
+    weight of a joint's own translation, in 1/16 (dimensionless). Integers, so that every machine
+    reads the same.
     ``head_diagonal``: body size in centimetres (Gu's ADDH); thresholds are multiples of it.
+    ``hinged``: joints that bend about one axis of their parent, or about none.
     """
 
     key: str
@@ -134,8 +140,10 @@ class Family:
     parts: tuple[BodyPart, ...]
     centres: IntArray
     levers: IntArray
+    inertia: IntArray
     shift_levers: IntArray
     head_diagonal: float
+    hinged: tuple[int, ...] = ()
 
     @cached_property
     def centre_rotations(self) -> FloatArray:
@@ -160,8 +168,10 @@ class Family:
             "parts": [asdict(part) for part in self.parts],
             "centres": self.centres.tolist(),
             "levers": self.levers.tolist(),
+            "inertia": self.inertia.tolist(),
             "shift_levers": self.shift_levers.tolist(),
             "head_diagonal": self.head_diagonal,
+            "hinged": list(self.hinged),
         }
 
     @classmethod
@@ -176,30 +186,40 @@ class Family:
             ),
             np.array(record["centres"], np.int64).reshape(-1, 4),
             np.array(record["levers"], np.int64),
+            np.array(record.get("inertia", []), np.int64).reshape(-1, 6),
             np.array(record["shift_levers"], np.int64),
             record["head_diagonal"],
+            tuple(record.get("hinged", ())),
         )
 
 
-def found_family(rig: Rig, usual: FloatArray, bones: FloatArray, head_diagonal: float) -> Family:
+def found_family(
+    rig: Rig, usual: FloatArray, bones: FloatArray, bends: FloatArray, head_diagonal: float
+) -> Family:
     """Return the family that ``rig`` founds.
 
     ``usual``: (joints, 3, 3) sums (or means) of each joint's orientation relative to its parent
     part's reference; projected onto the rotations by SVD (the chordal mean). ``bones``:
     (joints, 3) mean local translations in centimetres, which give the levers; a joint's lever
-    is at least the 3 cm of the shell. ``head_diagonal``: body size in centimetres.
+    is at least the 3 cm of the shell. ``bends``: (joints, 3, 3) as by `bends_of`, summed.
+    ``head_diagonal``: body size in centimetres.
     """
     joints = rig.skeleton.joints
     if rig.kind == "markers":
         ones = np.full(joints, LEVER_SCALE, np.int64)
         centres = np.tile(np.array([CENTRE_SCALE, 0, 0, 0], np.int64), (joints, 1))
-        return Family(rig.family_key, rig.kind, rig.parts, centres, ones, ones, head_diagonal)
+        still = np.zeros((0, 6), np.int64)
+        return Family(
+            rig.family_key, rig.kind, rig.parts, centres, ones, still, ones, head_diagonal
+        )
     u, _, vt = np.linalg.svd(usual + 1e-9 * np.eye(3))
     signs = np.ones((joints, 3))
     signs[:, 2] = np.linalg.det(u @ vt)
     centres = np.rint(to_quaternions((u * signs[:, None, :]) @ vt) * CENTRE_SCALE)
     skeleton = replace(rig.skeleton, offsets=bones)
+    hinged = _hinged(bends)
     turn = np.rint(np.clip(levers(skeleton), 3.0, 1000.0) * LEVER_SCALE)
+    tensors = np.rint(bounded(inertia(skeleton, frozenset(hinged))) * LEVER_SCALE**2)
     shift = np.rint(np.sqrt(hanging_joints(skeleton)) * LEVER_SCALE)
     return Family(
         rig.family_key,
@@ -207,9 +227,36 @@ def found_family(rig: Rig, usual: FloatArray, bones: FloatArray, head_diagonal: 
         rig.parts,
         centres.astype(np.int64),
         turn.astype(np.int64),
+        tensors[:, *np.triu_indices(3)].astype(np.int64),
         shift.astype(np.int64),
         head_diagonal,
+        hinged,
     )
+
+
+def bends_of(rotations: FloatArray) -> FloatArray:
+    """Return what local rotations (frames, joints, 3, 3) do (joints, 3, 3): their axes' spread.
+
+    The summed outer products of the turns from the first frame to the others, each as an axis
+    times the sine of the angle.
+    """
+    turns = np.swapaxes(rotations[:1], -1, -2) @ rotations
+    lower = turns[..., [2, 0, 1], [1, 2, 0]]
+    upper = turns[..., [1, 2, 0], [2, 0, 1]]
+    axes = (lower - upper) / 2.0
+    return np.asarray(np.einsum("fji,fjk->jik", axes, axes))
+
+
+def _hinged(bends: FloatArray) -> tuple[int, ...]:
+    """Return the joints whose turns are all about one axis, but for a file's rounding.
+
+    Those that never turn are among them, unless no joint does: then nothing is known.
+    """
+    if not bends.any():
+        return ()
+    spread = np.linalg.eigvalsh(bends)
+    alone = spread[:, 1] <= HINGE_SHARE * spread[:, 2] + STIFF
+    return tuple((np.flatnonzero(alone[1:]) + 1).tolist())
 
 
 def bone_means(clip: SkeletonClip) -> FloatArray:

@@ -14,15 +14,15 @@ from .clip import FloatArray, IntArray
 from .compiled import compiled
 from .fixedpoint import ONE, Turn, between, log2_of, product, turn_of, unit
 from .motionmodel import MotionModel
-from .nodes import FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, Nodes
+from .nodes import FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, SCALE, TURN, Nodes
 from .quaternionlog import vector_to
 from .quaternions import multiply
 from .rig import CENTRE_SCALE, Family, Rig
+from .scaling import signal_of, to_angles
 from .sizeclasses import class_of
 
 POSE_STRIDE = 8  # frames between the poses that a reference clip offers
 FOLLOWER_FINE = 12  # quarter octaves
-ANGLE_SHIFT = 12  # 2^28 radians from 2^-20 cm over 1/16 cm a radian
 
 
 def usual_pose(rig: Rig, family: Family) -> IntArray:
@@ -121,10 +121,8 @@ def start_node(
         state[0, node, 1] = expected[1] + (y << 4) // lever
         state[0, node, 2] = expected[2] + (z << 4) // lever
         return
-    turned = turn_of(
-        (x << ANGLE_SHIFT) // lever, (y << ANGLE_SHIFT) // lever, (z << ANGLE_SHIFT) // lever
-    )
-    turn = unit(product(expected, turned))
+    x, y, z = to_angles(table[node, SCALE:], x, y, z)
+    turn = unit(product(expected, turn_of(x, y, z)))
     for c in range(4):
         state[0, node, c] = turn[c]
 
@@ -152,14 +150,14 @@ def quantise_start(
         else:
             aim = turn_at(goal, 0, node)
             guide = table[node, GUIDE]
-            if table[node, KIND] == FOLLOWER and guide >= 0:  # what it holds is the angle
+            if table[node, KIND] != TURN and guide >= 0:  # what it holds is the angle
                 held = between(turn_at(goal, 0, guide), aim)
                 aim = product(turn_at(state, 0, guide), held)
             x, y, z = vector_to(between(expected, aim))
-            scale = lever * float(1 << 16) / unit_steps
-            out[node, 0] = round(x * scale)
-            out[node, 1] = round(y * scale)
-            out[node, 2] = round(z * scale)
+            x, y, z = signal_of(table[node, SCALE:], x, y, z)
+            out[node, 0] = round(x / unit_steps)
+            out[node, 1] = round(y / unit_steps)
+            out[node, 2] = round(z / unit_steps)
         start_node(state, node, table, pose, usual, out[node], step, fine)
 
 

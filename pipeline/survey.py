@@ -49,6 +49,7 @@ def survey_clips(
         for key, sketch in result.families.items():
             if key in found.families:
                 found.families[key].usual = found.families[key].usual + sketch.usual
+                found.families[key].bends = found.families[key].bends + sketch.bends
             else:
                 found.families[key] = sketch
         done += len(batch)
@@ -91,7 +92,8 @@ def _settled(
     if rig.kind == "markers":
         rig = replace(rig, parts=markers.setdefault(rig.skeleton.names, rig.parts))
     if rig.family_key not in store.families:
-        store.add_family(found_family(rig, sketch.usual, sketch.bones, sketch.head_diagonal))
+        founded = found_family(rig, sketch.usual, sketch.bones, sketch.bends, sketch.head_diagonal)
+        store.add_family(founded)
     number = store.rig_number(rig)
     return store.add_rig(rig) if number is None else number
 

@@ -23,7 +23,7 @@ from ..codec.formats.files import read_clip, source_bytes
 from ..codec.kinematics import world_rotations
 from ..codec.markerparts import marker_parts
 from ..codec.metrics import Errors
-from ..codec.rig import Family, Rig, bone_means, rig_of
+from ..codec.rig import Family, Rig, bends_of, bone_means, rig_of
 from ..codec.segments import SegmentRules, clip_segments
 from ..codec.signals import relative_rotations
 from .clustering import Representatives, within_clip
@@ -52,12 +52,14 @@ class FamilySketch:
     """What a batch says about a rig family: enough for its first clip to found it.
 
     ``usual``: (joints, 3, 3) summed mean orientations relative to the parent parts'
-    references; ``bones``: (joints, 3) mean translations of its first clip, centimetres.
+    references; ``bones``: (joints, 3) mean translations of its first clip, centimetres;
+    ``bends``: (joints, 3, 3) summed, as by `rig.bends_of`.
     """
 
     rig: Rig
     usual: FloatArray
     bones: FloatArray
+    bends: FloatArray
     head_diagonal: float
 
 
@@ -146,19 +148,22 @@ def _survey(
     family_key = rig.family_key
     if isinstance(clip, MarkerClip):
         usual, bones = np.zeros((0, 3, 3)), np.zeros((0, 3))
+        bends = usual
         numbers = int(clip.seen.sum()) * 3
     else:
         usual, bones = _mean_orientations(clip, parts), bone_means(clip)
+        bends = bends_of(clip.rotations)
         numbers = _varying_numbers(clip)
     if family_key in out.families:
         out.families[family_key].usual += usual
+        out.families[family_key].bends += bends
     else:
         size = (
             marker_head_diagonal(clip.names, clip.positions)
             if isinstance(clip, MarkerClip)
             else head_diagonal(clip.skeleton)
         )
-        out.families[family_key] = FamilySketch(rig, usual, bones, size)
+        out.families[family_key] = FamilySketch(rig, usual, bones, bends, size)
     out.rigs.setdefault(rig.key, rig)
     out.clips.append(
         Survey(source.name, digest(data), len(data), clip.frames, numbers, rig.key, clip.repairs)

@@ -17,7 +17,7 @@ from motifold.codec.clip import Clip, FloatArray, Layout, MarkerClip, Skeleton, 
 from motifold.codec.encode import Encoder
 from motifold.codec.kinematics import world_rotations
 from motifold.codec.patterns import Codebook, to_coefficients
-from motifold.codec.rig import Family, Rig, bone_means, found_family, rig_of
+from motifold.codec.rig import Family, Rig, bends_of, bone_means, found_family, rig_of
 from motifold.codec.segments import SegmentRules, clip_segments
 from motifold.codec.signals import relative_rotations
 
@@ -193,14 +193,17 @@ def family_of(clip: Clip, rig: Rig, head_diagonal: float = 20.0) -> Family:
     """Return the family that a clip's rig founds, with the clip's own usual orientations."""
     joints = rig.skeleton.joints
     if isinstance(clip, MarkerClip):
-        return found_family(rig, np.zeros((0, 3, 3)), np.zeros((0, 3)), head_diagonal)
+        return found_family(
+            rig, np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), head_diagonal
+        )
     usual, bones = np.tile(np.eye(3), (joints, 1, 1)), rig.skeleton.offsets
+    bends = bends_of(clip.rotations)
     if clip.frames:
         world = world_rotations(clip.skeleton, clip.rotations)
         for part in rig.parts:
             usual[list(part.joints)] = relative_rotations(rig.parts, part, world).mean(axis=0)
         bones = bone_means(clip)
-    return found_family(rig, usual, bones, head_diagonal)
+    return found_family(rig, usual, bones, bends, head_diagonal)
 
 
 @dataclass(frozen=True, eq=False)

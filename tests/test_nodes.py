@@ -18,6 +18,7 @@ from motifold.codec.nodes import (
     CARRIER,
     FOLLOWER,
     GUIDE,
+    HINGE,
     JOINT,
     KIND,
     LEVER,
@@ -60,7 +61,8 @@ def cases(draw: st.DrawFn) -> Case:
     every = st.just(set(range(recipe.joints)))
     still = draw(st.one_of(some, every, st.just(set())))
     sliding = draw(st.one_of(some, st.just({0}), st.just(set()), every))
-    return Case(rig, family_of(clip, rig), frozenset(still), tuple(sorted(sliding)))
+    family = replace(family_of(clip, rig), hinged=tuple(sorted(draw(some))))
+    return Case(rig, family, frozenset(still), tuple(sorted(sliding)))
 
 
 def levels_of(nodes: Nodes) -> IntArray:
@@ -90,7 +92,7 @@ def test_what_a_node_is_predicted_from_is_in_lower_levels(case: Case) -> None:
             assert level[row[CARRIER]] < level[node]
         if row[AXES] >= 0:  # axes are those of the last frame: a turn may be its own
             assert row[AXES] == node or level[row[AXES]] < level[node]
-            assert nodes.table[row[AXES], KIND] == TURN
+            assert nodes.table[row[AXES], KIND] in (TURN, HINGE)
 
 
 @given(cases())
@@ -105,7 +107,9 @@ def test_every_joint_has_one_turn_or_follower_and_those_that_slide_a_place(case:
     assert len(set(table[:, ROW].tolist())) == nodes.count
     assert turned[:, ROW].tolist() == turned[:, JOINT].tolist()
     assert (placed[:, ROW] == joints + placed[:, JOINT]).all()
-    free = turned[turned[:, KIND] == TURN]
+    free = turned[(turned[:, KIND] == TURN) | (turned[:, KIND] == HINGE)]
+    for row in free:  # a hinge needs something to hang on
+        assert (row[KIND] == HINGE) == (row[JOINT] in case.family.hinged and row[GUIDE] >= 0)
     assert free[:, LEVER].tolist() == case.family.levers[free[:, JOINT]].tolist()
     held = turned[turned[:, KIND] == FOLLOWER]
     assert (held[:, LEVER] >= case.family.levers[held[:, JOINT]]).all()
@@ -122,7 +126,7 @@ def test_guides_are_the_nearest_ancestors_that_move(case: Case) -> None:
         joint, ancestors = row[JOINT], above(skeleton, row[JOINT])
         if row[KIND] == FOLLOWER:  # holds its angle to its parent, still or not
             wanted = ancestors[:1]
-        elif row[KIND] == TURN:
+        elif row[KIND] in (TURN, HINGE):
             wanted = [other for other in ancestors if other not in case.still][:1]
         else:
             wanted = [int(nodes.table[nodes.top, JOINT])] if node == nodes.path else []

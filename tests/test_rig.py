@@ -62,7 +62,7 @@ def test_centres_are_the_chordal_means(seed: int, spread: float) -> None:
         turns = centre[joint] * Rotation.from_rotvec(rng.normal(size=(30, 3)) * spread)
         usual[joint] = turns.as_matrix().sum(axis=0)
         expected.append(turns.mean())
-    family = found_family(rig, usual, rig.skeleton.offsets, 20.0)
+    family = found_family(rig, usual, rig.skeleton.offsets, np.zeros((3, 3, 3)), 20.0)
     for joint in range(3):
         singular = np.linalg.svd(usual[joint], compute_uv=False)
         if singular[1] < 1 and singular[2] < 1:  # no mean to speak of
@@ -73,7 +73,7 @@ def test_centres_are_the_chordal_means(seed: int, spread: float) -> None:
 
 def test_a_family_without_frames_stands_straight() -> None:
     rig = skeleton_bench(Recipe(1, joints=4)).rig
-    family = found_family(rig, np.zeros((4, 3, 3)), rig.skeleton.offsets, 20.0)
+    family = found_family(rig, np.zeros((4, 3, 3)), rig.skeleton.offsets, np.zeros((4, 3, 3)), 20.0)
     assert np.array_equal(family.centre_rotations, np.tile(np.eye(3), (4, 1, 1)))
 
 

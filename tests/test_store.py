@@ -17,7 +17,7 @@ from motifold.codec.clip import Layout, MarkerClip
 from motifold.codec.errors import ArchiveError, DamagedError
 from motifold.codec.markerparts import marker_parts
 from motifold.codec.patterns import PATTERN_FRAMES, no_patterns
-from motifold.codec.rig import Family, Rig, bone_means, found_family, rig_of
+from motifold.codec.rig import Family, Rig, bends_of, bone_means, found_family, rig_of
 from motifold.pipeline.commit import Commit, Job
 from motifold.pipeline.ledger import Ledger
 from motifold.pipeline.store import Store, check_generation, read_store, write_generation
@@ -27,14 +27,14 @@ def skeleton_rig() -> tuple[Rig, Family]:
     clip = short_specs(1)[0].clip()
     rig = rig_of(clip, body_parts(clip.skeleton))
     usual = np.tile(np.eye(3), (clip.skeleton.joints, 1, 1))
-    return rig, found_family(rig, usual, bone_means(clip), 20.0)
+    return rig, found_family(rig, usual, bone_means(clip), bends_of(clip.rotations), 20.0)
 
 
 def marker_rig() -> tuple[Rig, Family]:
     positions = marker_course() / 10
     clip = MarkerClip(MARKERS, 0.01, positions, Layout("trc", "mm", "declared", 0.1))
     rig = rig_of(clip, marker_parts(MARKERS, positions))
-    return rig, found_family(rig, np.zeros((0, 3, 3)), np.zeros((0, 3)), 18.0)
+    return rig, found_family(rig, np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), 18.0)
 
 
 RIG, FAMILY = skeleton_rig()

@@ -38,7 +38,9 @@ def prepared(library: Path) -> tuple[tuple[Prepared, ...], Codebook]:
     batch = batch_of(library)
     found = survey_batch(batch, None, None, {})
     (sketch,) = found.families.values()
-    family = found_family(sketch.rig, sketch.usual, sketch.bones, sketch.head_diagonal)
+    family = found_family(
+        sketch.rig, sketch.usual, sketch.bones, sketch.bends, sketch.head_diagonal
+    )
     items = tuple(
         Prepared(source, 0, found.rigs[clip.rig_key], clip.source)
         for source, clip in zip(batch, found.clips, strict=True)
