@@ -1,20 +1,23 @@
-"""A motion model as bytes: its integers, entropy-coded, each kind at the precision that it has."""
+"""A motion model as bytes: its integers, entropy-coded, each kind at the precision that it has.
+
+Rows, or parts of rows, that are as in the fixed model take three bits."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from .blockcontext import feature_count
-from .clip import IntArray
+from .clip import FloatArray, IntArray
 from .entropy import SymbolReader, SymbolWriter
 from .errors import DamagedError
-from .motionmodel import GROUPS, SIGNS, MotionModel, usual_lags
+from .motionmodel import MotionModel, fixed_model
 from .sizeclasses import CLASSES, LEAST_OCTAVE, PER_OCTAVE
 
 WEIGHT_SHIFT_LIMIT = 16
 MOST_ROWS = 1 << 14
+MOST_NUMBERS = 1 << 19  # rows × span²: what a damaged file can make a reader set aside
 
 
 def write_model(model: MotionModel) -> bytes:
@@ -25,50 +28,69 @@ def write_model(model: MotionModel) -> bytes:
     writer.number(len(model.sliding))
     for joint in model.sliding:
         writer.number(joint)
+    fixed = fixed_model(1, model.span, model.up)
     for row in range(model.rows):
-        for values in (model.folded_weights[row], model.folded_basis[row]):
+        _write_row(writer, model, row, fixed)
+    return writer.to_bytes()
+
+
+def row_sizes(model: MotionModel) -> FloatArray:
+    """Return how many bytes each row (rows,) takes."""
+    fixed = fixed_model(1, model.span, model.up)
+    sizes = np.zeros(model.rows)
+    for row in range(model.rows):
+        writer = SymbolWriter()
+        _write_row(writer, model, row, fixed)
+        sizes[row] = len(writer.to_bytes())
+    return np.asarray(sizes)
+
+
+def _write_row(writer: SymbolWriter, model: MotionModel, row: int, fixed: MotionModel) -> None:
+    """Write what of a row is not as in the fixed model, after three flags that say so."""
+    tables = (model.folded_weights[row], model.folded_basis[row])
+    own = [
+        not np.array_equal(values, usual[0])
+        for values, usual in zip(tables, (fixed.folded_weights, fixed.folded_basis), strict=True)
+    ]
+    sizes = (model.base[row, None], model.senses[row], model.starts[row])
+    usual_sizes = (fixed.base, fixed.senses[0], fixed.starts[0])
+    own.append(not all(map(np.array_equal, sizes, usual_sizes)))
+    writer.uniform([int(flag) for flag in own], 2)
+    for values, written in zip(tables, own, strict=False):
+        if written:
             shifts = _trailing_zeros(values)
             writer.uniform(shifts, WEIGHT_SHIFT_LIMIT)
             _write_block(writer, values >> shifts[:, None])
-        _write_block(writer, model.base[row, None])
-        _write_block(writer, model.senses[row])
-        _write_block(writer, model.starts[row])
-    return writer.to_bytes()
+    if own[2]:
+        for values in sizes:
+            _write_block(writer, values)
 
 
 def read_model(data: bytes) -> MotionModel:
     """Return the model of `write_model`'s bytes. Raises `DamagedError`."""
     reader = SymbolReader(data)
     span, up, rows = reader.number(), reader.number(), reader.number()
-    if span not in (4, 8, 16, 32) or up > 2 or rows > MOST_ROWS:
+    if (
+        span not in (4, 8, 16, 32)
+        or up > 2
+        or rows > MOST_ROWS
+        or rows * span * span > MOST_NUMBERS
+    ):
         raise DamagedError(f"claims blocks of {span} frames in {rows} rows")
     still = tuple(reader.number() for _ in range(_few(reader.number(), rows)))
     sliding = tuple(reader.number() for _ in range(_few(reader.number(), rows)))
-    features, channels = feature_count(span), 3 * span
-    weights: list[IntArray] = []
-    basis: list[IntArray] = []
-    base: list[IntArray] = []
-    senses: list[IntArray] = []
-    starts: list[IntArray] = []
-    for _ in range(rows):
-        for shape, kept in (((features, channels), weights), ((channels, channels), basis)):
-            shifts = reader.uniform(shape[0], WEIGHT_SHIFT_LIMIT)
-            kept.append(_read_block(reader, shape) << shifts[:, None])
-        base.append(_read_block(reader, (1, channels))[0])
-        senses.append(_read_block(reader, (GROUPS, SIGNS)))
-        starts.append(_read_block(reader, (2, 3)))
-    return MotionModel(
-        span,
-        usual_lags(span),
-        up,
-        np.array(weights, np.int64).reshape(rows, features, channels),
-        np.array(basis, np.int64).reshape(rows, channels, channels),
-        np.array(base, np.int64).reshape(rows, channels),
-        np.array(senses, np.int64).reshape(rows, GROUPS, SIGNS),
-        np.array(starts, np.int64).reshape(rows, 2, 3),
-        still,
-        sliding,
-    )
+    model = replace(fixed_model(rows, span, up), still=still, sliding=sliding)
+    for row in range(rows):
+        own = reader.uniform(3, 2)
+        for values, written in zip((model.folded_weights, model.folded_basis), own, strict=False):
+            if written:
+                shifts = reader.uniform(values.shape[1], WEIGHT_SHIFT_LIMIT)
+                values[row] = _read_block(reader, values.shape[1:]) << shifts[:, None]
+        if own[2]:
+            model.base[row] = _read_block(reader, (1, model.channels))[0]
+            model.senses[row] = _read_block(reader, model.senses.shape[1:])
+            model.starts[row] = _read_block(reader, model.starts.shape[1:])
+    return model
 
 
 def _few(count: int, most: int) -> int:
@@ -97,6 +119,6 @@ def _write_block(writer: SymbolWriter, values: IntArray) -> None:
     writer.sized(values.ravel(), np.repeat(classes, values.shape[1]))
 
 
-def _read_block(reader: SymbolReader, shape: tuple[int, int]) -> IntArray:
+def _read_block(reader: SymbolReader, shape: tuple[int, ...]) -> IntArray:
     classes = reader.uniform(shape[0], CLASSES)
     return reader.sized(np.repeat(classes, shape[1])).reshape(shape)

@@ -141,7 +141,7 @@ def fixed_model(rows: int, span: int, up: int = 1) -> MotionModel:
     what its guide does; basis: the cosine transform.
     """
     channels = 3 * span
-    weights = np.zeros((rows, feature_count(span), channels))
+    weights = np.zeros((1, feature_count(span), channels))
     fade = np.cumsum(0.8 ** np.arange(1, span + 1))
     guide, past = 15, 15 + 3 * span
     for i in range(span):
@@ -156,7 +156,7 @@ def fixed_model(rows: int, span: int, up: int = 1) -> MotionModel:
         span,
         usual_lags(span),
         up,
-        folded(weights, span, np.zeros(feature_count(span))),
+        np.repeat(folded(weights, span, np.zeros(feature_count(span))), rows, axis=0),
         np.tile(np.eye(channels, dtype=np.int64) << BASIS_BITS, (rows, 1, 1)),
         base,
         senses,

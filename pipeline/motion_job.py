@@ -9,14 +9,14 @@ from pathlib import Path
 from secrets import token_hex
 from time import monotonic
 
+from ..codec.economy import candidate, cheapest, coarsened
 from ..codec.learning import learn
 from ..codec.limits import Bounds
 from ..codec.modelfile import write_model
 from ..codec.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
 from ..codec.motionmodel import MotionModel, fixed_model, model_key, usual_span
-from ..codec.recall import empty_memory
 from ..codec.rig import Family
-from ..codec.samples import Manner, Sample, walked
+from ..codec.samples import Manner
 from ..codec.sketch import Sketch
 from ..codec.startpose import usual_pose
 from .archive import Archive
@@ -37,9 +37,8 @@ from .tasks import EncodedBatch, EncodedClip, Prepared, lost_failures
 
 MOST_EARLIER = 512  # clips of earlier jobs that a job's clips may refer to
 SAMPLE_CLIPS = 240  # that a model is learned from at the most
-LEAST_CLIPS = 4  # fewer are not worth learning from
+LEAST_FRAMES = 400  # fewer are not worth learning from
 SMALL_MODEL = 0.03  # of the archive
-COARSE = 0.4  # centimetres of a step, from which blocks are twice as long
 SCRATCH = ".scratch"
 
 
@@ -139,12 +138,12 @@ class MotionJob:
             rows = 2 * rig.skeleton.joints
             plain = fixed_model(rows, span)
             self.models[key] = 0, plain
-            if len(names) < LEAST_CLIPS or self.settings.model == "fixed":
+            frames = sum(self.frames[name] for name in names)
+            if frames < LEAST_FRAMES or self.settings.model == "fixed":
                 continue
             chosen = names[:: -(-len(names) // SAMPLE_CLIPS)]
             family = self.families[rig.family_key]
             samples = [sample_of(items[name], family, self.settings) for name in chosen]
-            begin = fixed_model(rows, span * 2) if step >= COARSE and span < 16 else plain
             manner = Manner(int(step * (1 << 24)), THRIFT)
             finder = ReferenceFinder(self.settings.references + 1)
             finder.add([sketches[name] for name in chosen])
@@ -154,26 +153,20 @@ class MotionJob:
                 ]
                 for at, name in enumerate(chosen)
             ]
-            share = sum(self.frames[name] for name in names) / sum(
-                len(sample.goal) for sample in samples
-            )
+            share = frames / sum(len(sample.goal) for sample in samples)
             usual = usual_pose(rig, family)
-            best = _bits(samples, plain, manner) / 8.0 * share
-            tried = [
-                (begin, False),
-                *([(plain, False)] if begin is not plain else []),
-                (begin, True),
-            ]
-            for start, keep_weights in tried:
+            found = [candidate(plain, samples, manner, share)]
+            for keep_weights in (False, True):
                 if not keep_weights and self.settings.model == "basis":
                     continue
-                model = one_thread(learn, samples, start, manner, usual, neighbours, keep_weights)
-                stored = len(write_model(model))
-                cost = _bits(samples, model, manner) / 8.0 * share + stored
-                if cost < best:
-                    best, self.models[key] = cost, (self.generation, model)
-                if stored < SMALL_MODEL * cost:
+                model = one_thread(learn, samples, plain, manner, usual, neighbours, keep_weights)
+                finer = [coarsened(model), model]
+                found += [candidate(each, samples, manner, share) for each in finer]
+                best = cheapest(found)
+                if len(write_model(best.model)) < SMALL_MODEL * best.costs.sum():
                     break  # a cheaper model has nothing to save
+            if best.costs.sum() < found[0].costs.sum():
+                self.models[key] = self.generation, best.model
 
     def _recalled(
         self, groups: Mapping[str, list[str]], scratch: Path
@@ -283,11 +276,6 @@ class MotionJob:
                     yield item, encoded
                 done += len(batch)
                 tell("encode", done, clips)
-
-
-def _bits(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> float:
-    nothing = empty_memory(model.rows, model.channels)
-    return sum(walked(sample, model, nothing, manner).bits for sample in samples)
 
 
 def _none(numbers: Sequence[int]) -> Recalled:
