@@ -194,15 +194,16 @@ def choose(
     basis: IntArray,
     size: int,
     classes: IntArray,
-    slopes: FloatArray,
+    ones: FloatArray,
+    more: FloatArray,
     thrift: float,
     quantised: IntArray,
 ) -> None:
     """Write quantised coefficients of what prediction left (channels,).
 
-    A coefficient is rounded down where the bits that this saves (``slopes``: bits of one more,
-    by class) times ``thrift`` outweigh the larger squared error, in steps²: rate-distortion
-    optimised rounding. ``size``: the step, 2^-24 cm.
+    A coefficient is rounded down where the bits that this saves (``ones``: bits of ±1 rather
+    than 0, ``more``: of each one more, by class) times ``thrift`` outweigh the larger squared
+    error, in steps²: rate-distortion optimised rounding. ``size``: the step, 2^-24 cm.
     """
     channels = len(left)
     rest = left.astype(np.float64)
@@ -218,7 +219,7 @@ def choose(
             part = abs(z) - low
             step_up = 0.5
             if attempt == 0:
-                step_up += 0.5 * thrift * slopes[classes[k]]
+                step_up += 0.5 * thrift * (ones if low == 0 else more)[classes[k]]
             whole = low + 1 if part >= step_up else low
             if attempt > 0 and abs(z) < 1.0:
                 whole = 0

@@ -18,7 +18,7 @@ from .compiled import compiled
 from .motionmodel import SIGNS, MotionModel
 from .nodes import FOLLOWER, KIND, Nodes
 from .recall import FollowArray, KeyArray, Memory
-from .sizeclasses import class_costs
+from .sizeclasses import bits_of, class_costs
 from .yardstick import Yardstick, errors_at
 
 STEP_BITS = 24  # steps: 2^-24 cm
@@ -69,7 +69,6 @@ def walk(
     quantised = np.zeros((blocks, count, model.channels), np.int64)
     classes = np.zeros((blocks, count, model.channels), np.int64)
     fines = np.zeros(blocks, np.int64)
-    zeros, slopes = class_costs()
     bits, largest, total, measured = _walk(
         full,
         state,
@@ -90,8 +89,7 @@ def walk(
         step,
         thrift,
         refine,
-        zeros,
-        slopes,
+        *class_costs(),
         quantised,
         classes,
         fines,
@@ -127,7 +125,8 @@ def _walk(
     thrift: float,
     refine: bool,
     zeros: FloatArray,
-    slopes: FloatArray,
+    ones: FloatArray,
+    more: FloatArray,
     quantised: IntArray,
     classes: IntArray,
     fines: IntArray,
@@ -166,12 +165,12 @@ def _walk(
                     goals[c] -= prediction[c]
                 choose(
                     goals, basis[table[node, 1]], fine_step(step, fine), classes[block, node],
-                    slopes, thrift / (1.0 + fine), quantised[block, node],
+                    ones, more, thrift / (1.0 + fine), quantised[block, node],
                 )  # fmt: skip
                 for c in range(channels):
                     kind = classes[block, node, c]
-                    block_bits += zeros[kind]
-                    block_bits += slopes[kind] * abs(quantised[block, node, c])
+                    size = abs(quantised[block, node, c])
+                    block_bits += bits_of(kind, size, zeros, ones, more)
                 settle(
                     state, table, node, start, span, basis, prediction, quantised[block, node],
                     step, fine, signals, activity,

@@ -22,11 +22,13 @@ COARSE_BASIS = 8  # bits after the point
 def row_costs(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> FloatArray:
     """Return about how many bytes the samples' blocks of each row (rows,) cost."""
     nothing = empty_memory(model.rows, model.channels)
-    zeros, slopes = class_costs()
+    zeros, ones, more = class_costs()
     bits = np.zeros(model.rows)
     for sample in samples:
         walk = walked(sample, model, nothing, manner)
-        each = zeros[walk.classes] + slopes[walk.classes] * np.abs(walk.quantised)
+        sizes = np.abs(walk.quantised)
+        each = zeros[walk.classes] + (sizes > 0) * ones[walk.classes]
+        each += np.maximum(sizes - 1, 0) * more[walk.classes]
         coded = sample.nodes.table[:, KIND] != FOLLOWER
         np.add.at(bits, sample.nodes.table[coded, ROW], each.sum(axis=(0, 2))[coded])
     return bits / 8.0

@@ -21,8 +21,7 @@ def root(value: Fraction) -> Fraction:
 
 def geometric_counts(scaled: Fraction) -> list[int]:
     """The counts of -60 … 60 and of the escape in a two-sided geometric table of a mean."""
-    above = to_double(root(to_double(1 + to_double(scaled * scaled))) - 1)
-    theta = to_double(above / scaled)
+    theta = _theta(scaled)
     weights = [Fraction(1)]
     for _ in range(60):
         weights.append(to_double(weights[-1] * theta))
@@ -32,3 +31,21 @@ def geometric_counts(scaled: Fraction) -> list[int]:
     total = to_double(total * 2 - 1)
     half = [int(to_double(weight / total) * 2**20) + 1 for weight in weights]
     return [*half[:0:-1], *half, 16]
+
+
+def sized_counts(scaled: Fraction) -> list[int]:
+    """The same in version 2, whose tables are not stretched for what is cut off."""
+    theta = _theta(scaled)
+    zero = to_double(to_double(1 - theta) / to_double(1 + theta))
+    weight = to_double(to_double(to_double(1 - zero) * to_double(1 - theta)) / 2)
+    weights = [zero]
+    for _ in range(60):
+        weights.append(weight)
+        weight = to_double(weight * theta)
+    half = [int(to_double(weight * 2**20)) + 1 for weight in weights]
+    return [*half[:0:-1], *half, 16]
+
+
+def _theta(scaled: Fraction) -> Fraction:
+    above = to_double(root(to_double(1 + to_double(scaled * scaled))) - 1)
+    return to_double(above / scaled)
