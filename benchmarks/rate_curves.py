@@ -17,6 +17,7 @@ LEAST_ERROR = 1e-9  # centimetres; a clip without any error has a logarithm too
 MEAN_TRIALS = 4
 MEAN_CLOSE = 0.02  # of the wanted mean, as a logarithm
 MEAN_STEP = 1.1
+MEAN_START = 1.5  # what is bounded is the mean shell error; that of joints is smaller
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def runs_near_mean(at: Callable[[float], Run], wanted: float) -> list[Run]:
     ``at`` makes the archive for a value of the setting, whose effect is taken to be in
     proportion to it: each trial is scaled by what the last one missed.
     """
-    runs = [at(wanted)]
+    runs = [at(MEAN_START * wanted)]
     while len(runs) < MEAN_TRIALS:
         missed = wanted / max(runs[-1].joint_mean, LEAST_ERROR)
         close = abs(math.log(missed)) < MEAN_CLOSE

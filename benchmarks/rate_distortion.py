@@ -37,7 +37,7 @@ from motifold.workflows.quantities import parse_length
 ROOT = Path(__file__).resolve().parents[1]
 PEERS = ROOT.parent / "shared" / "peers"
 COMPARISONS = ("acl", "sz3", "growth", "text")
-TOLERANCES = "0.1mm,0.25mm,0.6mm,1.5mm,4mm,10mm,25mm"
+TOLERANCES = "0.1mm,0.3mm,1mm,2mm,10mm,30mm"
 PRECISIONS = "0.01,0.1,1.0"
 SZ3_TOLERANCES = "0.1mm,1mm,1cm"
 GROWTH_TOLERANCES = "1mm,5mm"
