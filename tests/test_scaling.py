@@ -34,7 +34,7 @@ def tensors(draw: st.DrawFn) -> FloatArray:
         arm = rng.normal(size=3)
         arm *= 10.0 ** rng.uniform(-2, 3) / np.linalg.norm(arm)
         out += rng.integers(1, 20) * ((arm**2).sum() * np.eye(3) - np.outer(arm, arm))
-    return bounded(out[None])[0]
+    return np.asarray(bounded(out[None])[0])
 
 
 def columns(tensor: FloatArray) -> IntArray:
@@ -49,11 +49,11 @@ def test_a_signal_is_as_long_as_what_the_turn_displaces(
     turn = np.random.default_rng(seed).normal(size=3)
     turn *= 10.0**magnitude / np.linalg.norm(turn)
     scale = columns(tensor)
-    wanted = np.sqrt(turn @ tensor @ turn)
+    wanted = float(np.sqrt(turn @ tensor @ turn))
     for bits, shift in ((30, FROM_TURNS), (28, FROM_ANGLES)):
-        whole = np.rint(turn * (1 << bits)).astype(np.int64).tolist()
-        found = np.linalg.norm(to_lengths(scale, *whole, shift)) / 2**20
-        assert found == pytest.approx(wanted, rel=0.01, abs=1e-3 * wanted + 4e-6)
+        x, y, z = np.rint(turn * (1 << bits)).astype(np.int64).tolist()
+        found = float(np.linalg.norm(to_lengths(scale, x, y, z, shift))) / 2**20
+        assert found == pytest.approx(wanted, rel=0.01, abs=4e-6)
 
 
 @given(tensors(), st.integers(0, 2**32 - 1), st.floats(-5.0, 0.4))
@@ -67,8 +67,8 @@ def test_signals_turn_back_into_angles(tensor: FloatArray, seed: int, magnitude:
     back = np.array(to_angles(scale, *signal)) / 2**28
     assert np.abs(back - turn).max() < 4 / 2**28 + 2**-20 * 2.0
     # what features say of the same turn is nearly the same signal
-    whole = np.rint(turn * 2**30).astype(np.int64).tolist()
-    near = np.array(to_lengths(scale, *whole, FROM_TURNS)) - signal
+    x, y, z = np.rint(turn * 2**30).astype(np.int64).tolist()
+    near = np.array(to_lengths(scale, x, y, z, FROM_TURNS), np.float64) - np.array(signal)
     assert np.abs(near).max() / 2**20 < 2e-3 * largest * np.linalg.norm(turn) + 1e-5
 
 
