@@ -1,6 +1,7 @@
 """A motion model as bytes: its integers, entropy-coded, each kind at the precision that it has.
 
-Rows, or parts of rows, that are as in the fixed model take three bits."""
+Rows, or parts of rows, that are as in the fixed model take three bits.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +17,12 @@ from .motionmodel import MotionModel, fixed_model
 from .sizeclasses import CLASSES, LEAST_OCTAVE, PER_OCTAVE
 
 WEIGHT_SHIFT_LIMIT = 16
-MOST_ROWS = 1 << 14
-MOST_NUMBERS = 1 << 19  # rows × span²: what a damaged file can make a reader set aside
+_LARGEST = 1 << 18  # rows × span²: what a damaged file can make a reader set aside
+
+
+def can_store(rows: int, span: int) -> bool:
+    """Return whether a model of so many rows is one that `read_model` reads."""
+    return rows * span * span <= _LARGEST
 
 
 def write_model(model: MotionModel) -> bytes:
@@ -70,12 +75,7 @@ def read_model(data: bytes) -> MotionModel:
     """Return the model of `write_model`'s bytes. Raises `DamagedError`."""
     reader = SymbolReader(data)
     span, up, rows = reader.number(), reader.number(), reader.number()
-    if (
-        span not in (4, 8, 16, 32)
-        or up > 2
-        or rows > MOST_ROWS
-        or rows * span * span > MOST_NUMBERS
-    ):
+    if span not in (4, 8, 16, 32) or up > 2 or not can_store(rows, span):
         raise DamagedError(f"claims blocks of {span} frames in {rows} rows")
     still = tuple(reader.number() for _ in range(_few(reader.number(), rows)))
     sliding = tuple(reader.number() for _ in range(_few(reader.number(), rows)))

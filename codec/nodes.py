@@ -23,8 +23,6 @@ TURN, PLACE, FOLLOWER, HINGE = 0, 1, 2, 3
 # Columns of the table that the compiled loops read.
 KIND, ROW, GUIDE, CARRIER, AXES, LEVER, JOINT, SCALE = range(8)
 COLUMNS = SCALE + SCALE_COLUMNS
-
-
 _UNSCALED = [0] * SCALE_COLUMNS
 
 
@@ -38,10 +36,9 @@ class Nodes:
     the node is a place; of the first turn, which comes before it, only the path's past is
     seen); ``AXES``, the turn whose last decoded axes a place is measured in (-1: those of the
     world, or of the parent joint); ``LEVER``, in 1/16 cm per radian, or 1/16 for places;
-    ``JOINT``; from ``SCALE`` on, for turns and followers, what `scaling` makes signals with.
-    ``levels``: (levels + 1,) borders between
-    them. ``top``, ``path``: the nodes of the first turn and of the root's path, or -1; of
-    markers, the path is the root part's reference marker.
+    ``JOINT``; from ``SCALE`` on, of all but places, what `scaling` makes signals with.
+    ``levels``: (levels + 1,) borders between them. ``top``, ``path``: the nodes of the first
+    turn and of the root's path, or -1; of markers, the path is the root part's reference marker.
     """
 
     table: IntArray

@@ -12,7 +12,7 @@ from time import monotonic
 from ..codec.economy import candidate, cheapest, coarsened
 from ..codec.learning import learn
 from ..codec.limits import Bounds
-from ..codec.modelfile import write_model
+from ..codec.modelfile import can_store, write_model
 from ..codec.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
 from ..codec.motionmodel import MotionModel, fixed_model, model_key, usual_span
 from ..codec.rig import Family
@@ -139,7 +139,9 @@ class MotionJob:
             plain = fixed_model(rows, span)
             self.models[key] = 0, plain
             frames = sum(self.frames[name] for name in names)
-            if frames < LEAST_FRAMES or self.settings.model == "fixed":
+            if frames < LEAST_FRAMES or not can_store(rows, span):
+                continue
+            if self.settings.model == "fixed":
                 continue
             chosen = names[:: -(-len(names) // SAMPLE_CLIPS)]
             family = self.families[rig.family_key]
@@ -160,8 +162,8 @@ class MotionJob:
                 if not keep_weights and self.settings.model == "basis":
                     continue
                 model = one_thread(learn, samples, plain, manner, usual, neighbours, keep_weights)
-                finer = [coarsened(model), model]
-                found += [candidate(each, samples, manner, share) for each in finer]
+                both = [coarsened(model), model]
+                found += [candidate(each, samples, manner, share) for each in both]
                 best = cheapest(found)
                 if len(write_model(best.model)) < SMALL_MODEL * best.costs.sum():
                     break  # a cheaper model has nothing to save
