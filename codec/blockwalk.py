@@ -29,16 +29,16 @@ class Walk:
     """What a walk chose.
 
     ``state``: (frames or more, nodes, 4) as the decoder will see it; ``quantised`` and
-    ``classes``: (blocks, nodes, channels); ``fines``: (blocks,) refinements; ``bits``: about
-    what it costs; ``largest``: the largest error, as a share of its limit; ``mean``: mean error,
-    centimetres.
+    ``classes``: (blocks, nodes, channels); ``fines``: (blocks,) refinements; ``costs``: (nodes,)
+    about how many bits each node costs; ``largest``: the largest error, as a share of its limit;
+    ``mean``: mean error, centimetres.
     """
 
     state: IntArray
     quantised: IntArray
     classes: IntArray
     fines: IntArray
-    bits: float
+    costs: FloatArray
     largest: float
     mean: float
 
@@ -69,7 +69,8 @@ def walk(
     quantised = np.zeros((blocks, count, model.channels), np.int64)
     classes = np.zeros((blocks, count, model.channels), np.int64)
     fines = np.zeros(blocks, np.int64)
-    bits, largest, total, measured = _walk(
+    costs = np.zeros(count)
+    largest, total, measured = _walk(
         full,
         state,
         frames,
@@ -93,8 +94,9 @@ def walk(
         quantised,
         classes,
         fines,
+        costs,
     )
-    return Walk(state, quantised, classes, fines, bits, largest, total / max(measured, 1))
+    return Walk(state, quantised, classes, fines, costs, largest, total / max(measured, 1))
 
 
 @compiled
@@ -130,7 +132,8 @@ def _walk(
     quantised: IntArray,
     classes: IntArray,
     fines: IntArray,
-) -> tuple[float, float, float, float]:
+    costs: FloatArray,
+) -> tuple[float, float, float]:
     blocks, nodes, channels = quantised.shape
     signals = np.zeros((nodes, span, 3), np.int64)
     activity = np.zeros((3, nodes), np.int64)
@@ -138,7 +141,8 @@ def _walk(
     signs = np.empty(SIGNS, np.int64)
     goals = np.empty(channels, np.int64)
     errors = np.empty(true_points.shape[1])
-    bits, largest, total, measured = 0.0, 0.0, 0.0, 0.0
+    block_costs = np.zeros(nodes)
+    largest, total, measured = 0.0, 0.0, 0.0
     for frame in range(min(frames, 1)):
         errors_at(state, frame, true_world, true_points, skeleton, offsets, errors)
         for j in range(len(errors)):
@@ -150,7 +154,7 @@ def _walk(
         start = 1 + block * span
         fine, best_share = 0, 0.0
         while True:
-            block_bits = 0.0
+            block_costs[:] = 0.0
             for node in range(nodes):
                 if table[node, KIND] == FOLLOWER:
                     pose(state, table, node, start, span, signals)
@@ -170,7 +174,7 @@ def _walk(
                 for c in range(channels):
                     kind = classes[block, node, c]
                     size = abs(quantised[block, node, c])
-                    block_bits += bits_of(kind, size, zeros, ones, more)
+                    block_costs[node] += bits_of(kind, size, zeros, ones, more)
                 settle(
                     state, table, node, start, span, basis, prediction, quantised[block, node],
                     step, fine, signals, activity,
@@ -187,11 +191,11 @@ def _walk(
             if not refine or best_share <= 1.0 or fine >= MOST_FINE:
                 break
             fine = min(fine + max(1, int(math.log2(best_share) * 2.0)), MOST_FINE)
-        bits += block_bits
+        costs += block_costs
         total += block_total
         measured += block_measured
         largest = max(largest, best_share)
         fines[block] = fine
         activity[2] = activity[1]
         activity[1] = activity[0]
-    return bits, largest, total, measured
+    return largest, total, measured

@@ -10,10 +10,9 @@ import numpy as np
 from .clip import FloatArray, IntArray
 from .modelfile import row_sizes
 from .motionmodel import BASIS_BITS, MotionModel
-from .nodes import FOLLOWER, KIND, ROW
+from .nodes import ROW
 from .recall import empty_memory
 from .samples import Manner, Sample, walked
-from .sizeclasses import class_costs
 
 COARSER_WEIGHTS = 2  # low bits that the coarser one of two equal models leaves out
 COARSE_BASIS = 8  # bits after the point
@@ -22,15 +21,10 @@ COARSE_BASIS = 8  # bits after the point
 def row_costs(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> FloatArray:
     """Return about how many bytes the samples' blocks of each row (rows,) cost."""
     nothing = empty_memory(model.rows, model.channels)
-    zeros, ones, more = class_costs()
     bits = np.zeros(model.rows)
     for sample in samples:
-        walk = walked(sample, model, nothing, manner)
-        sizes = np.abs(walk.quantised)
-        each = zeros[walk.classes] + (sizes > 0) * ones[walk.classes]
-        each += np.maximum(sizes - 1, 0) * more[walk.classes]
-        coded = sample.nodes.table[:, KIND] != FOLLOWER
-        np.add.at(bits, sample.nodes.table[coded, ROW], each.sum(axis=(0, 2))[coded])
+        rows = sample.nodes.table[:, ROW]
+        np.add.at(bits, rows, walked(sample, model, nothing, manner).costs)
     return bits / 8.0
 
 
