@@ -128,11 +128,17 @@ class DaskExecutor:
                 for _, other in waiting:
                     with suppress(Exception):
                         self._wait(other)
-                sent = self._send(shared)  # the workers that are gone may have been all that had it
-                try:
-                    result = self._wait(self._submit(function, item, sent))
-                except (KilledWorker, CancelledError):
-                    result = lost(item)
+                for _ in range(_SENDINGS):
+                    # the workers that are gone may have been all that had what is shared
+                    sent = self._send(shared)
+                    try:
+                        result = self._wait(self._submit(function, item, sent))
+                        break
+                    except CancelledError:  # it was lost on the way, which is not its doing
+                        result = lost(item)
+                    except KilledWorker:
+                        result = lost(item)
+                        break
             yield result
 
     def _send(self, shared: Sequence[Any]) -> list[Any]:
