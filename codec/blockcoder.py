@@ -150,21 +150,20 @@ def settle(
 @compiled
 def wanted(
     state: IntArray,
-    goal: IntArray,
+    aims: IntArray,
     table: IntArray,
     node: int,
     start: int,
-    span: int,
     out: IntArray,
 ) -> None:
-    """Write the signals (channels,) that would bring a node to ``goal`` (frames, nodes, 4)."""
+    """Write the signals (channels,) that would bring a node to ``aims`` (span, 4)."""
     last = start - 1
     lever, axes = table[node, LEVER], table[node, AXES]
-    for i in range(span):
+    for i in range(len(aims)):
         if table[node, KIND] == PLACE:
-            dx = goal[start + i, node, 0] - state[last, node, 0]
-            dy = goal[start + i, node, 1] - state[last, node, 1]
-            dz = goal[start + i, node, 2] - state[last, node, 2]
+            dx = aims[i, 0] - state[last, node, 0]
+            dy = aims[i, 1] - state[last, node, 1]
+            dz = aims[i, 2] - state[last, node, 2]
             x, y, z = dx, dy, dz
             if axes >= 0:
                 # turning there and back is not exact: jumps of a kilometre need a second look
@@ -178,11 +177,11 @@ def wanted(
             out[3 * i + 1] = (y * lever) >> LEVER_BITS
             out[3 * i + 2] = (z * lever) >> LEVER_BITS
             continue
-        before, aim = turn_at(state, last, node), turn_at(goal, start + i, node)
+        before, aim = turn_at(state, last, node), (aims[i, 0], aims[i, 1], aims[i, 2], aims[i, 3])
         if table[node, KIND] == HINGE:
             guide = table[node, GUIDE]
             before = between(turn_at(state, last, guide), before)
-            aim = between(turn_at(goal, start + i, guide), aim)
+            aim = between(turn_at(state, start + i, guide), aim)
         x, y, z = vector_to(between(before, aim))
         x, y, z = signal_of(table[node, SCALE:], x, y, z)
         out[3 * i], out[3 * i + 1], out[3 * i + 2] = round(x), round(y), round(z)

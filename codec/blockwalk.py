@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .aiming import aim
 from .blockcoder import MOST_FINE, choose, expect, fine_step, settle, wanted
 from .blockcontext import pose
 from .clip import FloatArray, IntArray
@@ -120,6 +121,7 @@ def _walk(
     true_points: FloatArray,
     skeleton: IntArray,
     offsets: FloatArray,
+    mends: FloatArray,
     counted: FloatArray,
     joint_limits: FloatArray,
     frame_limits: FloatArray,
@@ -139,6 +141,7 @@ def _walk(
     activity = np.zeros((3, nodes), np.int64)
     prediction = np.empty(channels, np.int64)
     signs = np.empty(SIGNS, np.int64)
+    aims = np.empty((span, 4), np.int64)
     goals = np.empty(channels, np.int64)
     errors = np.empty(true_points.shape[1])
     block_costs = np.zeros(nodes)
@@ -164,7 +167,8 @@ def _walk(
                     keys, follows, signals, activity, top, path, step, fine,
                     prediction, classes[block, node], signs,
                 )  # fmt: skip
-                wanted(state, goal, table, node, start, span, goals)
+                aim(state, goal, table, node, start, true_points, skeleton, offsets, mends, aims)
+                wanted(state, aims, table, node, start, goals)
                 for c in range(channels):
                     goals[c] -= prediction[c]
                 choose(

@@ -10,6 +10,8 @@ from .clip import FloatArray, Skeleton
 
 # cm²: 3² for a point 3 cm away, and a third more because the worst of three points counts
 SHELL_INERTIA = 12.0
+# exponent of the joints that hang on a bone: they make up for a part of its error themselves
+MADE_UP = 0.75
 
 
 def world_rotations(skeleton: Skeleton, rotations: FloatArray) -> FloatArray:
@@ -81,13 +83,13 @@ def inertia(skeleton: Skeleton, hinged: Set[int] = frozenset()) -> FloatArray:
     """Return what a small turn of each joint's world orientation does (joints, 3, 3), cm².
 
     e · M e is the summed squared displacement that the turn e (radians, in the joint's axes)
-    causes: 12 |e|² for the joint's shell, and |e × offset|² for every child and end site, as
-    often as joints hang on it, itself included. It is the inertia tensor of those points: a
-    twist about a bone moves nothing at the bone's end. A joint of ``hinged`` is measured against
-    its parent, which then turns all that hangs on it: a third of the trace of its inertia, as
-    its pose changes, counts for its parent about every axis.
+    causes: 12 |e|² for the joint's shell, and |e × offset|² for every child and end site, times
+    n^0.75 of the n joints that hang on it, itself included. It is the inertia tensor of those
+    points: a twist about a bone moves nothing at the bone's end. A joint of ``hinged`` is
+    measured against its parent, which then turns all that hangs on it: a third of the trace of
+    its inertia, as its pose changes, counts for its parent about every axis.
     """
-    hanging = hanging_joints(skeleton)
+    hanging = hanging_joints(skeleton) ** MADE_UP
     out = np.tile(SHELL_INERTIA * np.eye(3), (skeleton.joints, 1, 1))
 
     def add(joint: int, mass: float, arm: FloatArray) -> None:

@@ -77,15 +77,7 @@ def code_run(
     pose = nearest_pose(goal[0], nodes, known.poses)
     first = np.zeros((1, nodes.count, 4), np.int64)
     quantised = np.zeros((nodes.count, 3), np.int64)
-    single = Yardstick(
-        yardstick.world[:1],
-        yardstick.points[:1],
-        yardstick.shape,
-        yardstick.offsets,
-        yardstick.counted[:1],
-        yardstick.joint_limits,
-        yardstick.frame_limits[:1],
-    )
+    single = yardstick.cut(0, 1)
     fine = 0
     while True:
         quantise_start(

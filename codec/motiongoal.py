@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .aiming import MEND_COLUMNS, mends_of
 from .blockcontext import UNIT_BITS
 from .clip import Clip, IntArray, MarkerClip, SkeletonClip
 from .fixedpoint import to_turns
@@ -36,17 +37,7 @@ class Goal:
 
     def run(self, start: int, stop: int) -> tuple[IntArray, Yardstick]:
         """Return the goal and the yardstick of some of the frames."""
-        measure = self.yardstick
-        cut = Yardstick(
-            measure.world[start:stop],
-            measure.points[start:stop],
-            measure.shape,
-            measure.offsets,
-            measure.counted[start:stop],
-            measure.joint_limits,
-            measure.frame_limits[start:stop],
-        )
-        return self.path[start:stop], cut
+        return self.path[start:stop], self.yardstick.cut(start, stop)
 
 
 def goal_of(clip: Clip, rig: Rig, family: Family, limits: Limits) -> Goal:
@@ -66,6 +57,7 @@ def _marker_goal(clip: MarkerClip, family: Family, limits: Limits) -> Goal:
         positions,
         shape,
         offsets,
+        np.zeros((nodes.count, MEND_COLUMNS)),
         counted,
         limits.joints,
         limits.frames,
@@ -85,15 +77,6 @@ def _skeleton_goal(clip: SkeletonClip, rig: Rig, family: Family, limits: Limits)
     nodes = skeleton_nodes(rig, family, frozenset(still), sliding)
     shape, offsets = skeleton_shape(skeleton, nodes)
     points = np.concatenate([positions, end_positions(skeleton, world, positions)], axis=1)
-    measure = Yardstick(
-        world,
-        points,
-        shape,
-        offsets,
-        np.ones(points.shape[:2]),
-        limits.joints,
-        limits.frames,
-    )
     path = np.zeros((clip.frames, nodes.count, 4), np.int64)
     turns = to_turns(to_quaternions(world))
     for node, row in enumerate(nodes.table):
@@ -103,6 +86,16 @@ def _skeleton_goal(clip: SkeletonClip, rig: Rig, family: Family, limits: Limits)
             continue
         place = positions if node == nodes.path else clip.translations
         path[:, node, :3] = np.rint(place[:, joint] * (1 << UNIT_BITS))
+    measure = Yardstick(
+        world,
+        points,
+        shape,
+        offsets,
+        mends_of(skeleton, nodes, shape, offsets, path),
+        np.ones(points.shape[:2]),
+        limits.joints,
+        limits.frames,
+    )
     return Goal(nodes, still, sliding, path, measure)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .aiming import aim
 from .blockcoder import wanted
 from .blockcontext import UNIT_BITS, describe
 from .blockwalk import STEP_BITS
@@ -102,7 +103,21 @@ def _gathered(sample: Sample, state: IntArray, model: MotionModel) -> tuple[Floa
     count = sample.nodes.count
     xs = np.zeros((count, blocks, model.weights.shape[1]))
     ys = np.zeros((count, blocks, model.channels))
-    _gather(state, sample.goal, sample.nodes.table, model.span, model.lags, model.up, xs, ys)
+    measure = sample.yardstick
+    _gather(
+        state,
+        sample.goal,
+        sample.nodes.table,
+        model.span,
+        model.lags,
+        model.up,
+        measure.points,
+        measure.shape,
+        measure.offsets,
+        measure.mends,
+        xs,
+        ys,
+    )
     return xs, ys
 
 
@@ -114,12 +129,17 @@ def _gather(
     span: int,
     lags: IntArray,
     up: int,
+    points: FloatArray,
+    shape: IntArray,
+    offsets: FloatArray,
+    mends: FloatArray,
     xs: FloatArray,
     ys: FloatArray,
 ) -> None:
     nodes, blocks, width = xs.shape
     signals = np.zeros((nodes, span, 3), np.int64)
     features = np.empty(width, np.int64)
+    aims = np.empty((span, 4), np.int64)
     goals = np.empty(3 * span, np.int64)
     unit = float(1 << UNIT_BITS)
     for block in range(blocks):
@@ -130,10 +150,11 @@ def _gather(
             describe(state, table, node, start, span, lags, up, signals, features)
             for f in range(width):
                 xs[node, block, f] = round(features[f] / unit * 256.0) / 256.0
-            wanted(state, goal, table, node, start, span, goals)
+            aim(state, goal, table, node, start, points, shape, offsets, mends, aims)
+            wanted(state, aims, table, node, start, goals)
             for c in range(3 * span):
                 ys[node, block, c] = round(goals[c] / unit * 256.0) / 256.0
             # what the levels below will see of this one: its decoded motion
-            wanted(state, state, table, node, start, span, goals)
+            wanted(state, state[start : start + span, node], table, node, start, goals)
             for c in range(3 * span):
                 signals[node, c // 3, c % 3] = goals[c]

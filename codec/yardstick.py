@@ -6,7 +6,8 @@ The same shell error as `metrics`, one frame at a time on the codec's whole numb
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,6 +19,10 @@ from .nodes import Nodes
 
 UNIT = float(1 << 20)
 
+_Arrays: TypeAlias = tuple[
+    FloatArray, FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray
+]
+
 
 @dataclass(frozen=True, eq=False)
 class Yardstick:
@@ -26,32 +31,42 @@ class Yardstick:
     ``world``: (frames, joints, 3, 3) world rotations (of markers: none); ``points``: (frames,
     joints + end sites, 3) world positions, centimetres; ``shape``: (joints + end sites, 4):
     parent, turn node, place node, whether the place is a world position; ``offsets``: (joints
-    + end sites, 3) centimetres; ``counted``: (frames, joints + end sites) 1 where an error
-    counts, 0 in a marker's gaps; ``joint_limits`` and ``frame_limits``: centimetres, the lesser
-    of the two holds.
+    + end sites, 3) centimetres; ``mends``: (nodes, 21), see `aiming.mends_of`; ``counted``:
+    (frames, joints + end sites) 1 where an error counts, 0 in a marker's gaps; ``joint_limits``
+    and ``frame_limits``: centimetres, the lesser of the two holds.
     """
 
     world: FloatArray
     points: FloatArray
     shape: IntArray
     offsets: FloatArray
+    mends: FloatArray
     counted: FloatArray
     joint_limits: FloatArray
     frame_limits: FloatArray
 
     @property
-    def arrays(
-        self,
-    ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    def arrays(self) -> _Arrays:
         """Everything, in the order in which compiled loops take it."""
         return (
             self.world,
             self.points,
             self.shape,
             self.offsets,
+            self.mends,
             self.counted,
             self.joint_limits,
             self.frame_limits,
+        )
+
+    def cut(self, start: int, stop: int) -> Yardstick:
+        """Return that of some of the frames."""
+        return replace(
+            self,
+            world=self.world[start:stop],
+            points=self.points[start:stop],
+            counted=self.counted[start:stop],
+            frame_limits=self.frame_limits[start:stop],
         )
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from motifold.codec.clip import FloatArray, IntArray
-from motifold.codec.kinematics import SHELL_INERTIA, hanging_joints, inertia
+from motifold.codec.kinematics import MADE_UP, SHELL_INERTIA, hanging_joints, inertia
 from motifold.codec.rig import bends_of, found_family, rig_of
 from motifold.codec.scaling import (
     FROM_ANGLES,
@@ -83,7 +83,7 @@ def test_inertia_is_the_summed_squared_displacement(seed: int) -> None:
         spin = Rotation.from_rotvec(turn).as_matrix() - np.eye(3)
         wanted = SHELL_INERTIA * (turn**2).sum()
         for child in skeleton.children()[joint]:
-            wanted += hanging[child] * ((spin @ skeleton.offsets[child]) ** 2).sum()
+            wanted += hanging[child] ** MADE_UP * ((spin @ skeleton.offsets[child]) ** 2).sum()
         for carrier, offset in zip(skeleton.end_parents, skeleton.end_offsets, strict=True):
             wanted += ((spin @ offset) ** 2).sum() if carrier == joint else 0.0
         assert turn @ tensor @ turn == pytest.approx(wanted, rel=1e-4)
