@@ -23,6 +23,7 @@ CLASSES = 48
 ESCAPE_LIMIT = 60  # symbols beyond ±60 (after their class's shift) are escaped
 FIXED_POINT = 256  # activities are mean |difference| in 1/256
 LONGEST_NUMBER = 47  # bits
+STATE_MASK = (1 << 64) - 1  # of the range coder
 
 # Class c holds activities from CLASS_FLOORS[c]; each class is √2 wider than the last.
 CLASS_FLOORS: IntArray = np.array([0] + [isqrt(36 << c) for c in range(1, CLASSES)], np.int64)
@@ -139,7 +140,30 @@ class SymbolWriter:
                 self.uniform([value & ((1 << shift) - 1)], 1 << shift)
 
     def to_bytes(self) -> bytes:
-        """Return the stream: little-endian 32-bit words without the zero bytes at the end."""
+        """Return the stream in the fewest bytes that mean it.
+
+        A range coder's stream is a number; any one of an interval will do, and bytes that are
+        missing at its end are read as zeros. So it is the one of the interval that ends in the
+        most zero bytes, without them.
+        """
+        words = [int(word) for word in self._encoder.get_compressed()]
+        position: tuple[int, tuple[int, int]] = self._encoder.pos()
+        whole, (lower, width) = position
+        count = whole + 2  # the coder's state is two words more
+        words += [0] * (count - len(words))
+        sealed = int.from_bytes(np.array(words, ">u4").tobytes(), "big")
+        first = sealed - ((sealed - lower) & STATE_MASK)
+        value, zeros = first, 0
+        while zeros < 32 * count:
+            zeros += 8
+            rounded = -(-first >> zeros) << zeros
+            if rounded >= first + width:
+                break
+            value = rounded
+        return value.to_bytes(4 * count, "big").rstrip(b"\0")
+
+    def to_words(self) -> bytes:
+        """Return the stream as in version 1: little-endian words without zero bytes at the end."""
         words = self._encoder.get_compressed()
         return bytes(np.asarray(words).astype("<u4").tobytes().rstrip(b"\0"))
 
@@ -152,10 +176,11 @@ class SymbolReader:
     overdrawn raises `DamagedError`.
     """
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, words: str = ">u4") -> None:
+        """``words``: how the stream's words are written, "<u4" in version 1."""
         self._bits_left = 8.0 * len(data) + _CREDIT_BITS
-        words = np.frombuffer(data + b"\0" * (-len(data) % 4), "<u4").astype(np.uint32)
-        self._decoder: Any = constriction.stream.queue.RangeDecoder(words)
+        whole = np.frombuffer(data + b"\0" * (-len(data) % 4), words).astype(np.uint32)
+        self._decoder: Any = constriction.stream.queue.RangeDecoder(whole)
 
     def _charge(self, bits: float) -> None:
         self._bits_left -= 0.99 * bits  # what rounding of the tables may gain

@@ -94,14 +94,14 @@ def write_preview(
             _write_index(writer, index, len(patterns), longest)
     writer.uniform([ORDERS.index(order) for order in preview.orders], len(ORDERS))
     write_residual(writer, root, [root.shape[1]])
-    return writer.to_bytes()
+    return writer.to_words()
 
 
 def read_preview(
     data: bytes, rig: Rig, codebook: Codebook, frames: int, longest: int
 ) -> tuple[Preview, IntArray]:
     """Return what `write_preview` was given: (preview, root residual (frames, channels))."""
-    reader = SymbolReader(data)
+    reader = SymbolReader(data, "<u4")
     frame, seen = None, None
     if rig.kind == "skeleton":
         candidates = can_slide(rig)
@@ -125,12 +125,12 @@ def write_rest(left: list[IntArray]) -> bytes:
     writer = SymbolWriter()
     if left:
         write_residual(writer, np.concatenate(left, axis=1), [part.shape[1] for part in left])
-    return writer.to_bytes()
+    return writer.to_words()
 
 
 def read_rest(data: bytes, frames: int, channels: list[int]) -> list[IntArray]:
     """Return what `write_rest` was given; ``channels`` per part."""
-    both = read_residual(SymbolReader(data), frames, channels)
+    both = read_residual(SymbolReader(data, "<u4"), frames, channels)
     return np.split(both, np.cumsum(channels)[:-1], axis=1) if channels else []
 
 

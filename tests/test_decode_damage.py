@@ -120,7 +120,7 @@ def endless(kind: str, subject: Bench, frames: int) -> bytes:
     if kind == "gaps":
         writer.uniform([1], 2)
         writer.number(frames)
-        return writer.to_bytes()
+        return writer.to_words()
     writer.differences(np.zeros(len(can_slide(subject.rig)), np.int64), 1)
     if kind == "bases":
         writer.number(1)
@@ -128,7 +128,7 @@ def endless(kind: str, subject: Bench, frames: int) -> bytes:
         writer.number(frames - 1)
     else:
         writer.number(0)  # and then, for ever, segments of one frame
-    return writer.to_bytes()
+    return writer.to_words()
 
 
 @pytest.mark.parametrize("kind", ["gaps", "bases", "segments"])
@@ -166,7 +166,7 @@ def test_numbers_past_all_bounds_are_a_clip_or_damage() -> None:
         writer = SymbolWriter()
         write_residual(writer, left, channels)
         for code in (0, 4000, 7679):
-            forged = replace(index, residual=writer.to_bytes(), step_code=code)
+            forged = replace(index, residual=writer.to_words(), step_code=code)
             survive(subject, pack(forged), "tolerance")
 
 

@@ -87,7 +87,7 @@ def test_a_class_costs_what_its_table_says(index: int) -> None:
     writer = SymbolWriter()
     writer.differences(values, index)
     bits = -np.log2(probabilities[high]).sum() + 4000 * shift
-    assert abs(8 * len(writer.to_bytes()) - bits) < 0.001 * bits + 70
+    assert abs(8 * len(writer.to_bytes()) - bits) < 0.001 * bits + 10
     assert least_bits(index) == -np.log2(probabilities.max())
 
 
@@ -151,6 +151,18 @@ def test_the_order_of_kinds_does_not_matter() -> None:
             assert reader.number() == values[0]
         else:
             assert reader.differences(len(values), argument).tolist() == values.tolist()
+
+
+@given(st.lists(st.sampled_from([0, 1, 2**16 - 2, 2**16 - 1, 2**15]), max_size=400))
+@settings(max_examples=200, deadline=None)
+def test_a_stream_takes_a_byte_more_than_its_symbols_at_most(values: list[int]) -> None:
+    """Extreme symbols, whose carries run through many words."""
+    writer = SymbolWriter()
+    writer.uniform(values, 2**16)
+    data = writer.to_bytes()
+    assert len(data) <= 2 * len(values) + 1
+    assert SymbolReader(data).uniform(len(values), 2**16).tolist() == values
+    assert SymbolReader(writer.to_words(), "<u4").uniform(len(values), 2**16).tolist() == values
 
 
 def test_first_symbols_at_the_end_cost_no_bytes_and_come_back() -> None:
@@ -260,7 +272,7 @@ def test_sized_numbers_cost_what_their_tables_say(index: int) -> None:
     writer = SymbolWriter()
     writer.sized(values, np.full(1000, index))
     bits = -np.log2(counts[high] / counts.sum()).sum() + 1000 * shift
-    assert abs(8 * len(writer.to_bytes()) - bits) < 0.001 * bits + 70
+    assert abs(8 * len(writer.to_bytes()) - bits) < 0.001 * bits + 10
 
 
 @pytest.mark.parametrize("index", [0, 3, 20, 60, SIZES - 1])

@@ -173,7 +173,7 @@ def preview_damage(
     for name, arguments in calls:
         getattr(writer, name)(*arguments)
     with pytest.raises(DamagedError, match=match):
-        read_preview(writer.to_bytes(), bench.rig, bench.codebook, frames, LONGEST)
+        read_preview(writer.to_words(), bench.rig, bench.codebook, frames, LONGEST)
 
 
 def test_previews_that_contradict_themselves_are_damage() -> None:
