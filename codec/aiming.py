@@ -110,7 +110,7 @@ def aim(
         frame = start + i
         true = turn_at(goal, frame, node)
         turn = true
-        if table[node, KIND] == HINGE:  # what it holds is the angle
+        if table[node, KIND] in (HINGE, FOLLOWER) and guide >= 0:  # what it holds is the angle
             held = between(turn_at(goal, frame, guide), true)
             turn = product(turn_at(state, frame, guide), held)
         if mend[0] != 0.0 or mend[4] != 0.0 or mend[8] != 0.0:

@@ -21,7 +21,7 @@ from .recall import Memory, joined, remember
 from .rig import Family, Rig
 from .rotations import from_quaternions
 from .runstream import Known, Start
-from .startpose import nearest_pose, poses_of, quantise_start, usual_pose
+from .startpose import choose_start, nearest_pose, poses_of, start_classes, usual_pose
 from .yardstick import Yardstick
 
 
@@ -75,20 +75,12 @@ def code_run(
     """Return a run coded at a step, its first pose refined until it is inside its limits."""
     nodes = known.nodes
     pose = nearest_pose(goal[0], nodes, known.poses)
-    first = np.zeros((1, nodes.count, 4), np.int64)
-    quantised = np.zeros((nodes.count, 3), np.int64)
     single = yardstick.cut(0, 1)
     fine = 0
     while True:
-        quantise_start(
-            goal[:1],
-            nodes.table,
-            known.poses[pose],
-            known.poses[0],
-            step,
-            fine,
-            first,
-            quantised,
+        classes = start_classes(nodes, known.model, pose, step, fine)
+        first, quantised = choose_start(
+            goal, nodes, yardstick, known.poses[pose], known.poses[0], step, fine, classes, thrift
         )
         alone = walk(
             goal[:1], first, nodes, known.model, known.memory, single, step, thrift, refine

@@ -25,7 +25,7 @@ from .rig import Family, Rig
 from .runstream import Known, write_run
 from .subject import check_size
 
-THRIFT = 0.16  # weight of bits against squared error in rounding: the slope of fine quantisers
+THRIFT = 0.13  # weight of bits against squared error in rounding: the slope of fine quantisers
 LARGEST_STEP = 1.1  # of the smallest limit; blocks refine it where they must
 MEAN_STEP = 2.5  # steps over mean errors that mostly end near
 TRIALS = 12

@@ -11,7 +11,7 @@ from .clip import IntArray
 from .motionmodel import MotionModel
 from .nodes import ROW
 from .samples import Sample
-from .startpose import nearest_pose, quantise_start, start_size
+from .startpose import choose_start, nearest_pose, start_size
 
 _FINE_STEP = 1 << 14  # 2^-24 cm: a thousandth of a centimetre
 LEAST_STARTS = 8
@@ -32,9 +32,18 @@ def fit_starts(
         for kind in range(min(len(both), 2)):
             pose = nearest_pose(sample.goal[0], sample.nodes, both) if kind else 0
             table = sample.nodes.table
-            state = np.zeros((1, len(table), 4), np.int64)
-            out = np.zeros((len(table), 3), np.int64)
-            quantise_start(sample.goal[:1], table, both[pose], usual, _FINE_STEP, 0, state, out)
+            nothing = np.zeros((len(table), 3), np.int64)
+            _, out = choose_start(
+                sample.goal,
+                sample.nodes,
+                sample.yardstick,
+                both[pose],
+                usual,
+                _FINE_STEP,
+                0,
+                nothing,
+                0.0,
+            )
             sizes = np.array([start_size(_FINE_STEP, 0, int(row[0])) for row in table])
             total[kind][table[:, ROW]] += np.abs(out) * sizes[:, None] / float(1 << 24)
             seen[kind][table[:, ROW]] += 1

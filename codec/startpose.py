@@ -6,20 +6,24 @@ one, is laid under it joint by joint, parents first, so that only the difference
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from .aiming import aim
 from .blockcoder import fine_step
 from .blockcontext import turn_at
 from .clip import FloatArray, IntArray
 from .compiled import compiled
 from .fixedpoint import ONE, Turn, between, log2_of, product, turn_of, unit
 from .motionmodel import MotionModel
-from .nodes import FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, SCALE, TURN, Nodes
+from .nodes import FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, SCALE, Nodes
 from .quaternionlog import vector_to
 from .quaternions import multiply
 from .rig import CENTRE_SCALE, Family, Rig
 from .scaling import signal_of, to_angles
-from .sizeclasses import class_of
+from .sizeclasses import class_costs, class_of
+from .yardstick import Yardstick
 
 POSE_STRIDE = 8  # frames between the poses that a reference clip offers
 FOLLOWER_FINE = 12  # quarter octaves
@@ -127,37 +131,86 @@ def start_node(
         state[0, node, c] = turn[c]
 
 
+def choose_start(
+    goal: IntArray,
+    nodes: Nodes,
+    yardstick: Yardstick,
+    pose: IntArray,
+    usual: IntArray,
+    step: int,
+    fine: int,
+    classes: IntArray,
+    thrift: float,
+) -> tuple[IntArray, IntArray]:
+    """Return the first pose (1, nodes, 4) as decoded, and its quantised differences (nodes, 3).
+
+    ``goal``: (1 or more, nodes, 4); ``pose`` and ``usual``: (rows, 4); ``classes``: (nodes, 3)
+    as by `start_classes`; ``thrift``: see `blockcoder.choose`. Followers are not rounded down,
+    since their error stays.
+    """
+    state = np.zeros((1, nodes.count, 4), np.int64)
+    out = np.zeros((nodes.count, 3), np.int64)
+    _, ones, more = class_costs()
+    _choose_start(
+        goal,
+        nodes.table,
+        pose,
+        usual,
+        step,
+        fine,
+        yardstick.points,
+        yardstick.shape,
+        yardstick.offsets,
+        yardstick.mends,
+        classes,
+        ones,
+        more,
+        thrift / (1.0 + fine),
+        state,
+        out,
+    )
+    return state, out
+
+
 @compiled
-def quantise_start(
+def _choose_start(
     goal: IntArray,
     table: IntArray,
     pose: IntArray,
     usual: IntArray,
     step: int,
     fine: int,
+    points: FloatArray,
+    shape: IntArray,
+    offsets: FloatArray,
+    mends: FloatArray,
+    classes: IntArray,
+    ones: FloatArray,
+    more: FloatArray,
+    thrift: float,
     state: IntArray,
     out: IntArray,
 ) -> None:
-    """Write the quantised differences (nodes, 3) of ``goal`` (1, nodes, 4), and the state."""
+    aims = np.empty((1, 4), np.int64)
+    off = np.empty(3)
     for node in range(len(table)):
+        aim(state, goal, table, node, 0, points, shape, offsets, mends, aims)
         unit_steps = float(start_size(step, fine, table[node, KIND])) / 16.0
         expected = lay(state, node, table, pose, usual)
         lever = table[node, LEVER]
         if table[node, KIND] == PLACE:
             for c in range(3):
-                off = float(goal[0, node, c] - expected[c]) * lever / 16.0
-                out[node, c] = round(off / unit_steps)
+                off[c] = float(aims[0, c] - expected[c]) * lever / 16.0
         else:
-            aim = turn_at(goal, 0, node)
-            guide = table[node, GUIDE]
-            if table[node, KIND] != TURN and guide >= 0:  # what it holds is the angle
-                held = between(turn_at(goal, 0, guide), aim)
-                aim = product(turn_at(state, 0, guide), held)
-            x, y, z = vector_to(between(expected, aim))
-            x, y, z = signal_of(table[node, SCALE:], x, y, z)
-            out[node, 0] = round(x / unit_steps)
-            out[node, 1] = round(y / unit_steps)
-            out[node, 2] = round(z / unit_steps)
+            x, y, z = vector_to(between(expected, turn_at(aims[None], 0, 0)))
+            off[0], off[1], off[2] = signal_of(table[node, SCALE:], x, y, z)
+        for c in range(3):
+            size = abs(off[c]) / unit_steps
+            low = math.floor(size)
+            cost = (ones if low == 0 else more)[classes[node, c]]
+            down = 0.0 if table[node, KIND] == FOLLOWER else 0.5 * thrift * cost
+            whole = low + 1 if size - low >= 0.5 + down else low
+            out[node, c] = whole if off[c] > 0.0 else -whole
         start_node(state, node, table, pose, usual, out[node], step, fine)
 
 
