@@ -62,6 +62,9 @@ def expect(
     senses: IntArray,
     keys: KeyArray,
     follows: FollowArray,
+    own_keys: KeyArray,
+    own_follows: FollowArray,
+    own: int,
     signals: IntArray,
     activity: IntArray,
     top: int,
@@ -95,10 +98,12 @@ def expect(
     for f in range(12):
         speed += abs(features[f])
     signs[4] = _in_steps(speed // 12, size)
-    if keys.shape[1] > 0:
-        key = np.empty(len(keys[row, 0]), np.int64)
+    if keys.shape[1] + own > 0:
+        key = np.empty(keys.shape[2], np.int64)
         key_of(features, span, key)
-        spread, nearest, last = recall(key, keys[row], follows[row], prediction)
+        spread, nearest, last = recall(
+            key, keys[row], follows[row], own_keys[row], own_follows[row], own, prediction
+        )
         signs[6] = _in_steps(spread, size)
         signs[7] = _in_steps(nearest << 14, size)
         signs[8] = _in_steps(last << 14, size)

@@ -18,7 +18,7 @@ from .clip import FloatArray, IntArray
 from .compiled import compiled
 from .motionmodel import SIGNS, MotionModel
 from .nodes import FOLLOWER, KIND, Nodes
-from .recall import FollowArray, KeyArray, Memory
+from .recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
 from .sizeclasses import bits_of, class_costs
 from .yardstick import Yardstick, errors_at
 
@@ -71,6 +71,7 @@ def walk(
     classes = np.zeros((blocks, count, model.channels), np.int64)
     fines = np.zeros(blocks, np.int64)
     costs = np.zeros(count)
+    own = own_memory(frames, model.rows, model.span)
     largest, total, measured = _walk(
         full,
         state,
@@ -87,6 +88,8 @@ def walk(
         model.senses,
         memory.keys,
         memory.follows,
+        own.keys,
+        own.follows,
         *yardstick.arrays,
         step,
         thrift,
@@ -117,6 +120,8 @@ def _walk(
     senses: IntArray,
     keys: KeyArray,
     follows: FollowArray,
+    own_keys: KeyArray,
+    own_follows: FollowArray,
     true_world: FloatArray,
     true_points: FloatArray,
     skeleton: IntArray,
@@ -145,7 +150,7 @@ def _walk(
     goals = np.empty(channels, np.int64)
     errors = np.empty(true_points.shape[1])
     block_costs = np.zeros(nodes)
-    largest, total, measured = 0.0, 0.0, 0.0
+    largest, total, measured, own = 0.0, 0.0, 0.0, 0
     for frame in range(min(frames, 1)):
         errors_at(state, frame, true_world, true_points, skeleton, offsets, errors)
         for j in range(len(errors)):
@@ -164,8 +169,8 @@ def _walk(
                     continue
                 expect(
                     state, table, node, start, span, lags, up, weights, base, senses,
-                    keys, follows, signals, activity, top, path, step, fine,
-                    prediction, classes[block, node], signs,
+                    keys, follows, own_keys, own_follows, own, signals, activity, top, path,
+                    step, fine, prediction, classes[block, node], signs,
                 )  # fmt: skip
                 aim(state, goal, table, node, start, true_points, skeleton, offsets, mends, aims)
                 wanted(state, aims, table, node, start, goals)
@@ -202,4 +207,8 @@ def _walk(
         fines[block] = fine
         activity[2] = activity[1]
         activity[1] = activity[0]
+        own = remember_next(
+            state, start + span, table, span, lags, up, weights, own_stride(span),
+            own_keys, own_follows, own,
+        )  # fmt: skip
     return largest, total, measured

@@ -21,7 +21,7 @@ from .errors import DamagedError
 from .motifs import preview_state, read_motifs, write_motifs
 from .motionmodel import SIGNS, MotionModel
 from .nodes import FOLLOWER, KIND, Nodes
-from .recall import FollowArray, KeyArray, Memory
+from .recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
 from .startpose import start_classes, start_node
 
 _REFINEMENT_CLASS = 20  # of how a block's refinement differs from the last one's: mostly 0
@@ -104,7 +104,7 @@ def read_run(known: Known, step: int, frames: int, core: bytes, rest: bytes | No
     begin(state, nodes, known.poses, Start(number, fine, differences), step)
     motifs = read_motifs(reader, frames, len(known.poses))
     refined = bool(reader.uniform(1, 2)[0])
-    walker = _Walker(known, state, step)
+    walker = _Walker(known, state, step, frames)
     in_core = core_nodes(nodes)
     groups = _groups(nodes, in_core)
     fine = 0
@@ -125,7 +125,7 @@ def read_run(known: Known, step: int, frames: int, core: bytes, rest: bytes | No
                 kinds = walker.classes[: len(group)]
                 walker.quantised[group] = source.sized(kinds.ravel()).reshape(kinds.shape)
             walker.settle(group, block, fine)
-        walker.next()
+        walker.next(block)
     if other is None:
         return preview_state(state[:frames], nodes, in_core, known.poses, motifs)
     return state[:frames]
@@ -155,7 +155,7 @@ def _groups(nodes: Nodes, in_core: list[int]) -> list[IntArray]:
 class _Walker:
     """The decoder's place in a run."""
 
-    def __init__(self, known: Known, state: IntArray, step: int) -> None:
+    def __init__(self, known: Known, state: IntArray, step: int, frames: int) -> None:
         nodes, model = known.nodes, known.model
         self.state, self.step, self.table, self.span = state, step, nodes.table, model.span
         self.signals = np.zeros((nodes.count, model.span, 3), np.int64)
@@ -166,6 +166,8 @@ class _Walker:
         self.basis = model.basis
         self.fixed = (model.span, model.lags, model.up, model.weights, model.base, model.senses)
         self.remembered = (known.memory.keys, known.memory.follows)
+        self.own = own_memory(frames, model.rows, model.span)
+        self.moments = 0
         self.root = (nodes.top, nodes.path)
 
     def expect(self, group: IntArray, block: int, fine: int) -> None:
@@ -177,6 +179,9 @@ class _Walker:
             1 + block * self.span,
             *self.fixed,
             *self.remembered,
+            self.own.keys,
+            self.own.follows,
+            self.moments,
             self.signals,
             self.activity,
             *self.root,
@@ -203,10 +208,24 @@ class _Walker:
             self.activity,
         )
 
-    def next(self) -> None:
-        """Go on to the next block."""
+    def next(self, block: int) -> None:
+        """Remember what a block was, and go on to the next one."""
         self.activity[2] = self.activity[1]
         self.activity[1] = self.activity[0]
+        span, lags, up, weights, *_ = self.fixed
+        self.moments = remember_next(
+            self.state,
+            1 + (block + 1) * span,
+            self.table,
+            span,
+            lags,
+            up,
+            weights,
+            own_stride(span),
+            self.own.keys,
+            self.own.follows,
+            self.moments,
+        )
 
 
 @compiled
@@ -223,6 +242,9 @@ def _expect_group(
     senses: IntArray,
     keys: KeyArray,
     follows: FollowArray,
+    own_keys: KeyArray,
+    own_follows: FollowArray,
+    own: int,
     signals: IntArray,
     activity: IntArray,
     top: int,
@@ -238,7 +260,8 @@ def _expect_group(
         if table[node, KIND] != FOLLOWER:
             expect(
                 state, table, node, start, span, lags, up, weights, base, senses, keys, follows,
-                signals, activity, top, path, step, fine, predictions[node], classes[at], signs,
+                own_keys, own_follows, own, signals, activity, top, path, step, fine,
+                predictions[node], classes[at], signs,
             )  # fmt: skip
 
 

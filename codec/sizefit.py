@@ -13,7 +13,7 @@ from .clip import FloatArray, IntArray
 from .compiled import compiled
 from .motionmodel import GROUPS, SIGNS, MotionModel
 from .nodes import FOLLOWER, KIND, ROW
-from .recall import FollowArray, KeyArray, Memory
+from .recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
 from .samples import Manner, Sample, walked
 
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
@@ -35,6 +35,8 @@ def _gather_signs(
     senses: IntArray,
     keys: KeyArray,
     follows: FollowArray,
+    own_keys: KeyArray,
+    own_follows: FollowArray,
     quantised: IntArray,
     step: int,
     found: IntArray,
@@ -44,6 +46,7 @@ def _gather_signs(
     activity = np.zeros((3, nodes), np.int64)
     prediction = np.empty(channels, np.int64)
     classes = np.empty(channels, np.int64)
+    own = 0
     for block in range(blocks):
         start = 1 + block * span
         for node in range(nodes):
@@ -51,7 +54,8 @@ def _gather_signs(
                 continue
             expect(
                 state, table, node, start, span, lags, up, weights, base, senses, keys, follows,
-                signals, activity, top, path, step, 0, prediction, classes, found[node, block],
+                own_keys, own_follows, own, signals, activity, top, path, step, 0,
+                prediction, classes, found[node, block],
             )  # fmt: skip
             settle(
                 state, table, node, start, span, basis, prediction, quantised[block, node],
@@ -59,6 +63,10 @@ def _gather_signs(
             )  # fmt: skip
         activity[2] = activity[1]
         activity[1] = activity[0]
+        own = remember_next(
+            state, start + span, table, span, lags, up, weights, own_stride(span),
+            own_keys, own_follows, own,
+        )  # fmt: skip
 
 
 def fit_all_sizes(
@@ -71,6 +79,7 @@ def fit_all_sizes(
         done = walked(sample, model, memory, manner)
         state, quantised = done.state, done.quantised
         found = np.zeros((sample.nodes.count, len(quantised), SIGNS), np.int64)
+        own = own_memory(len(sample.goal), model.rows, model.span)
         _gather_signs(
             state,
             sample.nodes.table,
@@ -85,6 +94,8 @@ def fit_all_sizes(
             model.senses,
             memory.keys,
             memory.follows,
+            own.keys,
+            own.follows,
             quantised,
             manner.step,
             found,

@@ -26,8 +26,11 @@ from motifold.codec.recall import (
     Memory,
     empty_memory,
     joined,
+    own_memory,
+    own_stride,
     recall,
     remember,
+    remember_next,
 )
 from motifold.codec.rig import rig_of
 
@@ -54,11 +57,22 @@ def brute(
     return means, spread, squares[chosen[0]], squares[chosen[-1]]
 
 
-def check(key: IntArray, keys: Keys, follows: IntArray) -> None:
+def recalled(
+    key: IntArray, keys: Keys, follows: IntArray, prediction: IntArray, own: int = 0
+) -> tuple[int, int, int]:
+    """Call `recall` with the last ``own`` moments as the clip's own, and room for more."""
+    others = len(keys) - own
+    own_keys = np.concatenate([keys[others:], np.zeros((3, KEYS), np.int16)])
+    whole = follows.astype(np.int32)
+    own_follows = np.concatenate([whole[others:], np.full((3, whole.shape[1]), 7, np.int32)])
+    return recall(key, keys[:others], whole[:others], own_keys, own_follows, own, prediction)
+
+
+def check(key: IntArray, keys: Keys, follows: IntArray, own: int = 0) -> None:
     """What `recall` adds is the exact mean, but for weights in whole numbers."""
     base = np.arange(follows.shape[1], dtype=np.int64) * 1000
     prediction = base.copy()
-    spread, nearest, last = recall(key, keys, follows.astype(np.int32), prediction)
+    spread, nearest, last = recalled(key, keys, follows, prediction, own)
     means, exact_spread, first_square, last_square = brute(key, keys, follows)
     room = np.abs(follows).max() / 60 + 2
     for added, mean in zip((prediction - base).tolist(), means, strict=True):
@@ -83,12 +97,13 @@ def random_moments(
     st.integers(1, 40),
     st.sampled_from([1, 30, 2000, 32767]),
     st.sampled_from([1, 3, 40]),
+    st.floats(0, 1),
 )
 @settings(max_examples=150)
 def test_recall_is_a_search_for_the_nearest_moments(
-    seed: int, moments: int, size: int, distinct: int
+    seed: int, moments: int, size: int, distinct: int, share: float
 ) -> None:
-    check(*random_moments(seed, moments, size, distinct))
+    check(*random_moments(seed, moments, size, distinct), own=round(share * moments))
 
 
 @pytest.mark.parametrize("moments", range(1, NEIGHBOURS + 2))
@@ -106,10 +121,10 @@ def test_the_earlier_of_equally_near_moments_is_taken() -> None:
             nearer = rng.choice(30, 3, replace=False)
             keys[nearer, column] = 2
             tied = [moment for moment in range(30) if moment not in nearer]
-            follows = np.full((30, CHANNELS), 10**6, np.int32)
+            follows = np.full((30, CHANNELS), 10**6)
             follows[[*nearer, *tied[: NEIGHBOURS - 3]]] = 40
             prediction = np.zeros(CHANNELS, np.int64)
-            found = recall(np.zeros(KEYS, np.int64), keys, follows, prediction)
+            found = recalled(np.zeros(KEYS, np.int64), keys, follows, prediction)
             assert found == (0, 2, 7)
             assert (prediction == 40).all()
 
@@ -118,10 +133,10 @@ def test_an_exact_match_stands_nearly_alone() -> None:
     keys = np.zeros((30, KEYS), np.int16)
     keys[:, 4] = 1000
     keys[17, 4] = 0
-    follows = np.zeros((30, CHANNELS), np.int32)
+    follows = np.zeros((30, CHANNELS), np.int64)
     follows[17] = 10**6
     prediction = np.zeros(CHANNELS, np.int64)
-    found = recall(np.zeros(KEYS, np.int64), keys, follows, prediction)
+    found = recalled(np.zeros(KEYS, np.int64), keys, follows, prediction, 15)
     assert (prediction == 10**6).all()
     assert found[0] == 0
     assert found[1:] == (0, 1000)
@@ -131,7 +146,7 @@ def test_eight_exact_matches_are_averaged() -> None:
     _, keys, follows = random_moments(6, 40, 300, 40)
     keys[5:40:4] = 999
     prediction = np.zeros(CHANNELS, np.int64)
-    found = recall(np.full(KEYS, 999), keys, follows.astype(np.int32), prediction)
+    found = recalled(np.full(KEYS, 999), keys, follows, prediction, 20)
     assert found[1:] == (0, 0)
     assert (prediction == follows[5:37:4].sum(axis=0) // 8).all()
 
@@ -139,7 +154,7 @@ def test_eight_exact_matches_are_averaged() -> None:
 def test_a_row_that_no_reference_has_adds_nothing() -> None:
     prediction = np.arange(CHANNELS)
     keys = np.full((20, KEYS), FAR, np.int16)
-    found = recall(np.full(KEYS, -32767), keys, np.zeros((20, CHANNELS), np.int32), prediction)
+    found = recalled(np.full(KEYS, -32767), keys, np.zeros((20, CHANNELS), np.int64), prediction)
     assert prediction.tolist() == list(range(CHANNELS))
     assert found == (0, isqrt(24 * 65534**2), isqrt(24 * 65534**2))
 
@@ -182,6 +197,31 @@ def test_what_is_remembered_are_the_moments_of_a_clip(seed: int, frames: int, sp
             wanted = np.linalg.norm(ahead / 2**20, axis=1) * lever
             found = np.linalg.norm(moved[at], axis=1)
             assert np.abs(found - wanted).max() < 1e-3 * (1.0 + wanted.max())
+
+
+@given(st.integers(0, 100), st.integers(1, 40), st.sampled_from([4, 8]), st.data())
+@settings(max_examples=25)
+def test_a_clip_remembers_itself_as_far_as_it_is_decoded(
+    seed: int, frames: int, span: int, data: st.DataObject
+) -> None:
+    """What lies ahead may be anything; moments are written once and stay."""
+    clip = skeleton_clip(Recipe(seed=seed, joints=5, frames=frames, motion="smooth"))
+    rig = rig_of(clip, random_parts(seed, 5))
+    goal = goal_of(clip, rig, family_of(clip, rig), uniform_limits(clip, 0.1))
+    model = fixed_model(10, span)
+    rest = (goal.nodes.table, span, model.lags, model.up, model.weights)
+    stride = own_stride(span)
+    whole = own_memory(frames, 10, span)
+    remember_next(goal.path, frames, *rest, stride, whole.keys, whole.follows, 0)
+    own, known = own_memory(frames, 10, span), 0
+    for decoded in sorted(data.draw(st.lists(st.integers(1, frames), max_size=5))):
+        ahead = goal.path.copy()
+        ahead[decoded:] = 12345
+        known = remember_next(ahead, decoded, *rest, stride, own.keys, own.follows, known)
+        assert known == len(range(1, decoded - span + 1, stride))
+        assert np.array_equal(own.keys[:, :known], whole.keys[:, :known])
+        assert np.array_equal(own.follows[:, :known], whole.follows[:, :known])
+        assert (own.keys[:, known:] == FAR).all()
 
 
 def test_memories_are_joined_in_order() -> None:
