@@ -26,7 +26,7 @@ VARIANTS: dict[str, Mapping[str, Any]] = {
     "default": {},
     "no references": {"references": 0},
     "2 references": {"references": 2},
-    "16 references": {"references": 16},
+    "8 references": {"references": 8},
     "prediction not learned": {"model": "basis"},
     "nothing learned": {"model": "fixed"},
     "neither": {"references": 0, "model": "fixed"},

@@ -41,7 +41,7 @@ class Settings:
     mean_tolerance: float | None = None
     joint_tolerances: tuple[tuple[str, float], ...] = ()
     span_tolerances: tuple[tuple[float, float, float], ...] = ()
-    references: int = 8
+    references: int = 4
     model: Literal["learned", "basis", "fixed"] = "learned"
 
     def __post_init__(self) -> None:

@@ -77,7 +77,7 @@ def archive(
     ] = "learned",
     references: Annotated[
         int, typer.Option(min=0, help="Clips that a clip is predicted from at the most.")
-    ] = 8,
+    ] = 4,
     model: Annotated[
         str, typer.Option(help="learned, basis (all but the prediction) or fixed.")
     ] = "learned",
