@@ -20,17 +20,12 @@ from motifold.pipeline.plan import Settings
 from motifold.pipeline.run import archive_library
 from motifold.workflows.quantities import parse_length
 
-STAGES = ("survey", "cluster", "encode", "publish")
+STAGES = ("survey", "sketch", "learn", "encode", "publish")
 HEADER = (
     "clips",
     "new",
-    "survey ms",
-    "cluster ms",
-    "encode ms",
-    "publish ms",
+    *(f"{stage} ms" for stage in STAGES),
     "all ms",
-    "patterns",
-    "new patterns/new clip",
     "archive bytes/clip",
     "source : archive",
 )
@@ -48,7 +43,7 @@ def main() -> None:
     random.Random(options.seed).shuffle(sources)
     settings = Settings(tolerance=parse_length(options.tolerance))
     rows: list[tuple[str, ...]] = [HEADER]
-    clips = source_bytes = patterns = 0
+    clips = source_bytes = 0
     with tempfile.TemporaryDirectory(prefix="motifold-") as folder:
         library, archive = Path(folder, "library"), Path(folder, "archive")
         for size in map(int, options.sizes.split(",")):
@@ -61,19 +56,16 @@ def main() -> None:
                 raise SystemExit(f"{report.failures[0].name}: {report.failures[0].reason}")
             new, clips = report.clips, report.clips + report.unchanged
             source_bytes += report.source_bytes
-            stages = [1000 * report.seconds[stage] / new for stage in STAGES]
+            stages = [1000 * report.seconds.get(stage, 0.0) / new for stage in STAGES]
             rows.append(
                 (
                     f"{clips:,}",
                     f"{new:,}",
                     *[f"{value:.1f}" for value in (*stages, sum(stages))],
-                    f"{report.patterns:,}",
-                    f"{(report.patterns - patterns) / new:.2f}",
                     f"{report.archive_bytes / clips:,.0f}",
                     f"{source_bytes / report.archive_bytes:.2f}",
                 )
             )
-            patterns = report.patterns
     print_table(rows)
 
 
