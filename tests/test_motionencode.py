@@ -125,6 +125,18 @@ def test_markers_stay_inside_their_tolerance_and_keep_their_gaps(
     np.testing.assert_array_equal(decoded.seen, subject.clip.seen)
 
 
+def test_errors_do_not_add_up_along_a_chain() -> None:
+    """Each joint makes up for those above: the end is no worse off than the middle."""
+    middle, end = [], []
+    for seed in range(4):
+        subject = skeleton_bench(Recipe(seed, joints=16, frames=60, tree="chain"))
+        _, decoded = coded(subject, uniform_limits(subject.clip, 3.0, 0.2))
+        errors = oracle.clip_error(subject.clip, decoded).mean(axis=0)
+        middle.append(errors[6:10])
+        end.append(errors[-4:])
+    assert np.mean(end) < 1.25 * np.mean(middle)  # 1.65 when each aimed at its own orientation
+
+
 @given(st.one_of(recipes(20), MARKS), st.sampled_from([0.003, 0.03, 0.3]))
 @settings(max_examples=40, deadline=None)
 def test_the_mean_is_kept(recipe: Recipe | Marks, mean: float) -> None:
