@@ -128,6 +128,7 @@ class DaskExecutor:
                 for _, other in waiting:
                     with suppress(Exception):
                         self._wait(other)
+                self._settle()
                 for _ in range(_SENDINGS):
                     # the workers that are gone may have been all that had what is shared
                     sent = self._send(shared)
@@ -141,12 +142,22 @@ class DaskExecutor:
                         break
             yield result
 
+    def _settle(self) -> None:
+        """Wait until no worker is half gone: a task that is sent to one would count as deadly."""
+        for _ in range(_SENDINGS):
+            self._check_cluster()
+            with suppress(OSError):
+                self._client.run(os.getpid)
+                return
+
     def _send(self, shared: Sequence[Any]) -> list[Any]:
         for _ in range(_SENDINGS):
             self._check_cluster()
             with suppress(OSError):  # a worker went while it was sent to
-                # in a list of one, because a dict would be taken apart and scattered by its keys
-                return [self._client.scatter([v], broadcast=True, hash=False)[0] for v in shared]
+                # in a list of one, because a dict would be taken apart and scattered by its keys;
+                # to one worker, from which others take it: sending it to all waits for ever
+                # for one that dies meanwhile
+                return [self._client.scatter([value], hash=False)[0] for value in shared]
         raise _gone("its workers go as fast as they come")
 
     def _submit(self, function: Callable[..., Result], item: Item, sent: list[Any]) -> Any:
