@@ -88,7 +88,8 @@ def skeleton_nodes(
         if (False, joint) in level:
             continue
         parent = int(skeleton.parents[joint])
-        above = -1 if parent < 0 else level[False, parent]
+        # joints that are still and hang on nothing that turns come before the first turn
+        above = -skeleton.joints - 1 if parent < 0 else level[False, parent]
         level[False, joint] = above + 1 if joint in still else max(above + 1, 2)
     order = sorted(level, key=lambda node: (level[node], node[0], node[1]))
     number = {node: at for at, node in enumerate(order)}

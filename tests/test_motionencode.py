@@ -139,6 +139,7 @@ def test_errors_do_not_add_up_along_a_chain() -> None:
 
 @given(st.one_of(recipes(20), MARKS), st.sampled_from([0.003, 0.03, 0.3]))
 @settings(max_examples=40, deadline=None)
+@example(Recipe(65775, joints=13, frames=2, motion="creep", tree="chain", rate=24.0), 0.3)
 def test_the_mean_is_kept(recipe: Recipe | Marks, mean: float) -> None:
     assert_kept(bench_of(recipe, False), 100 * mean, mean)
 

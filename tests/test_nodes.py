@@ -120,6 +120,17 @@ def test_every_joint_has_one_turn_or_follower_and_those_that_slide_a_place(case:
 
 
 @given(cases())
+def test_all_that_places_a_joint_comes_before_its_turn(case: Case) -> None:
+    """What is above it has been decoded when the encoder aims a turn."""
+    nodes, skeleton = case.nodes, case.rig.skeleton
+    for node, row in enumerate(nodes.table.tolist()):
+        if row[KIND] in (TURN, HINGE) and node != nodes.top:
+            for joint in (row[JOINT], *above(skeleton, row[JOINT])):
+                assert joint == row[JOINT] or nodes.of_joint[False, joint] < node
+                assert nodes.of_joint.get((True, joint), -1) < node
+
+
+@given(cases())
 def test_guides_are_the_nearest_ancestors_that_move(case: Case) -> None:
     nodes, skeleton = case.nodes, case.rig.skeleton
     for node, row in enumerate(nodes.table.tolist()):
@@ -145,7 +156,7 @@ def test_the_root_is_the_first_turn_and_the_first_joint_that_slides(case: Case) 
         top = nodes.table[nodes.top]
         assert top[KIND] == TURN
         assert top[GUIDE] == -1
-        assert levels_of(nodes)[nodes.top] == 0
+        assert (nodes.table[: nodes.top, KIND] == FOLLOWER).all()
         if case.sliding and case.sliding[0] == turning[0]:
             assert top[JOINT] == turning[0]
     if nodes.path >= 0:
