@@ -20,7 +20,7 @@ from rate_curves import Bound, Run
 
 from motifold.codec.clip import SkeletonClip
 from motifold.codec.formats.files import read_clip
-from motifold.codec.kinematics import world_positions, world_rotations
+from motifold.codec.geometry.kinematics import world_positions, world_rotations
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.restore import restore_clips

@@ -26,11 +26,11 @@ from parallel import in_processes
 from rate_curves import Floats
 
 from motifold.codec.clip import Skeleton, SkeletonClip
+from motifold.codec.figure.rig import bone_means
 from motifold.codec.formats.files import read_clip
-from motifold.codec.kinematics import hanging_joints, levers
-from motifold.codec.metrics import SHELL_CENTIMETRES, clip_errors
-from motifold.codec.rig import bone_means
-from motifold.codec.rotations import from_axis_angle, to_axis_angle
+from motifold.codec.geometry.kinematics import hanging_joints, levers
+from motifold.codec.geometry.metrics import SHELL_CENTIMETRES, clip_errors
+from motifold.codec.geometry.rotations import from_axis_angle, to_axis_angle
 
 STILL = 1e-9  # centimetres; a channel that varies less is not given to SZ3
 STILL_SHARE = 0.1  # of the tolerance, as in the codec, but at most …

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .index_file import IndexFile, unpack
-from .motionfile import VERSION as MOTION_VERSION
-from .motionfile import MotionFile, unpack_motion
+from .version1.index_file import IndexFile, unpack
+from .version2.motionfile import VERSION as MOTION_VERSION
+from .version2.motionfile import MotionFile, unpack_motion
 
 
 def unpack_any(data: bytes, *, prefix_only: bool = False) -> IndexFile | MotionFile:

@@ -12,8 +12,8 @@ from types import TracebackType
 from typing import Any
 
 from ..codec.errors import DamagedError, UnknownClipError, UsageError
-from ..codec.patterns import Codebook
-from ..codec.rig import Rig
+from ..codec.figure.rig import Rig
+from ..codec.patterns.patterns import Codebook
 from .archived_clip import ArchivedClip
 from .commit import Commit, read_commit
 from .layout import current_rows, read_ledgers

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Protocol
 
 from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, Skeleton, SkeletonClip
-from ..codec.decode import Tier, decode
 from ..codec.errors import DamagedError, UsageError
-from ..codec.index_file import IndexFile
-from ..codec.kinematics import world_positions, world_rotations
-from ..codec.metrics import Errors
-from ..codec.motionfile import MotionFile
-from ..codec.motionhead import read_references
-from ..codec.partial import only_parts
-from ..codec.patterns import Codebook
-from ..codec.rig import Rig
-from ..codec.rotations import to_quaternions
+from ..codec.figure.partial import only_parts
+from ..codec.figure.rig import Rig
+from ..codec.geometry.kinematics import world_positions, world_rotations
+from ..codec.geometry.metrics import Errors
+from ..codec.geometry.rotations import to_quaternions
+from ..codec.patterns.patterns import Codebook
+from ..codec.version1.decode import Tier, decode
+from ..codec.version1.index_file import IndexFile
+from ..codec.version2.motionfile import MotionFile
+from ..codec.version2.motionhead import read_references
 from .indexreader import read_index
 from .layout import index_path
 from .ledger import Ledger, Row

@@ -21,8 +21,8 @@ from sklearn.cluster import MiniBatchKMeans
 
 from ..codec.clip import FloatArray, IntArray
 from ..codec.errors import UsageError
-from ..codec.nearest import NearestPatterns
-from ..codec.patterns import distance_scale, to_centimetres, to_coefficients
+from ..codec.patterns.nearest import NearestPatterns
+from ..codec.patterns.patterns import distance_scale, to_centimetres, to_coefficients
 
 WITHIN_CLIP = 0.25  # of the radius; the rest is left for the step across clips
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ..codec.anyfile import unpack_any
 from ..codec.errors import DamagedError, MotifoldError
-from ..codec.index_file import IndexFile
-from ..codec.motionfile import MotionFile
+from ..codec.version1.index_file import IndexFile
+from ..codec.version2.motionfile import MotionFile
 
 
 def read_index(path: Path, *, prefix_only: bool = False) -> IndexFile | MotionFile:

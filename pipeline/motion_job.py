@@ -9,16 +9,16 @@ from pathlib import Path
 from secrets import token_hex
 from time import monotonic
 
-from ..codec.economy import candidate, cheapest, coarsened
-from ..codec.learning import learn
-from ..codec.limits import Bounds
-from ..codec.modelfile import can_store, write_model
-from ..codec.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
-from ..codec.motionmodel import MotionModel, fixed_model, model_key, usual_span
-from ..codec.rig import Family
-from ..codec.samples import Manner
-from ..codec.sketch import Sketch
-from ..codec.startpose import usual_pose
+from ..codec.blocks.motionmodel import MotionModel, fixed_model, model_key, usual_span
+from ..codec.blocks.startpose import usual_pose
+from ..codec.figure.rig import Family
+from ..codec.geometry.limits import Bounds
+from ..codec.learned.economy import candidate, cheapest, coarsened
+from ..codec.learned.learning import learn
+from ..codec.learned.modelfile import can_store, write_model
+from ..codec.learned.samples import Manner
+from ..codec.learned.sketch import Sketch
+from ..codec.version2.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
 from .archive import Archive
 from .executors import Executor, map_batches, one_thread
 from .ledger import Failure

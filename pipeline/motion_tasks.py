@@ -10,18 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
+from ..codec.blocks.motionmodel import MotionModel, model_key
+from ..codec.blocks.offered import Reference, reference_of
+from ..codec.blocks.recall import Memory
 from ..codec.errors import ArchiveError, MotifoldError
+from ..codec.figure.rig import Family
 from ..codec.formats.files import read_clip, source_bytes
-from ..codec.limits import limits_of
-from ..codec.motioncodec import Reference, reference_of
-from ..codec.motionencode import MotionEncoder
-from ..codec.motionfile import MotionFile
-from ..codec.motiongoal import goal_of
-from ..codec.motionmodel import MotionModel, model_key
-from ..codec.recall import Memory
-from ..codec.rig import Family
-from ..codec.samples import Sample
-from ..codec.sketch import Sketch, sketch_of
+from ..codec.geometry.limits import limits_of
+from ..codec.learned.samples import Sample
+from ..codec.learned.sketch import Sketch, sketch_of
+from ..codec.version2.motionencode import MotionEncoder
+from ..codec.version2.motionfile import MotionFile
+from ..codec.version2.motiongoal import goal_of
 from .archive import Archive
 from .durable import digest
 from .indexreader import read_index

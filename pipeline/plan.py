@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 from ..codec.errors import UsageError
 from ..codec.formats.units import parse_units
-from ..codec.limits import Bounds
-from ..codec.motionhead import MOST_REFERENCES
-from ..codec.segments import SegmentRules
+from ..codec.geometry.limits import Bounds
+from ..codec.patterns.segments import SegmentRules
+from ..codec.version2.motionhead import MOST_REFERENCES
 from .clustering import ClusterRules
 from .discover import Source
 

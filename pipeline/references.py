@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..codec.clip import IntArray
-from ..codec.sketch import Sketch
+from ..codec.learned.sketch import Sketch
 
 LEVEL_SHARES = (0.05, 0.2, 0.5)  # of the clips that are in this level or a lower one
 NEIGHBOURS = 24  # moments that every moment votes for

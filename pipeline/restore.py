@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from ..codec.decode import Tier
 from ..codec.errors import DamagedError, MotifoldError
 from ..codec.formats.files import clip_bytes, default_format
+from ..codec.version1.decode import Tier
 from .archive import Archive
 from .durable import write_whole
 from .executors import Executor, map_batches

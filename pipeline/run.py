@@ -12,9 +12,9 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from ..codec.anyfile import check_whole
-from ..codec.bodyparts import PartsFile
-from ..codec.encode import Encoder
 from ..codec.errors import DamagedError, UsageError
+from ..codec.figure.bodyparts import PartsFile
+from ..codec.version1.encode import Encoder
 from .clustering import Representatives, grow
 from .commit import Commit, Job, publish, read_or_start
 from .discover import discover

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..codec.nearest import NearestPatterns
-from ..codec.patterns import to_centimetres
+from ..codec.patterns.nearest import NearestPatterns
+from ..codec.patterns.patterns import to_centimetres
 from .store import Store
 
 

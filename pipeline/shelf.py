@@ -11,14 +11,14 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from ..codec.blocks.motionmodel import MotionModel, fixed_model, model_key, usual_span
+from ..codec.blocks.offered import Reference, reference_of
 from ..codec.clip import Clip
 from ..codec.errors import DamagedError
-from ..codec.motioncodec import Reference, reference_of
-from ..codec.motiondecode import Decoded, decode_motion, decode_states
-from ..codec.motionfile import MotionFile
-from ..codec.motionhead import read_references
-from ..codec.motionmodel import MotionModel, fixed_model, model_key, usual_span
-from ..codec.rig import Rig
+from ..codec.figure.rig import Rig
+from ..codec.version2.motiondecode import Decoded, decode_motion, decode_states
+from ..codec.version2.motionfile import MotionFile
+from ..codec.version2.motionhead import read_references
 from .indexreader import read_index
 from .layout import index_path
 from .ledger import Ledger

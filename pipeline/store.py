@@ -24,11 +24,11 @@ import numpy.typing as npt
 import zarr
 from zarr.codecs import ZstdCodec
 
+from ..codec.blocks.motionmodel import MotionModel
 from ..codec.errors import DamagedError
-from ..codec.modelfile import read_model, write_model
-from ..codec.motionmodel import MotionModel
-from ..codec.patterns import Codebook, no_patterns
-from ..codec.rig import Family, Rig
+from ..codec.figure.rig import Family, Rig
+from ..codec.learned.modelfile import read_model, write_model
+from ..codec.patterns.patterns import Codebook, no_patterns
 from .commit import Commit
 from .durable import digest, sync, writing
 from .ledger import Ledger

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from ..codec.bodyparts import BodyPart, PartsFile
-from ..codec.rig import Rig, found_family
+from ..codec.figure.bodyparts import BodyPart, PartsFile
+from ..codec.figure.rig import Rig, found_family
 from .discover import Source
 from .executors import Executor, map_batches
 from .ledger import Failure

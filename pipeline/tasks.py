@@ -13,19 +13,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..codec.bodyparts import BodyPart, PartsFile, body_parts
-from ..codec.bodysize import head_diagonal, marker_head_diagonal
 from ..codec.clip import Clip, FloatArray, Layout, MarkerClip, Repair, SkeletonClip
-from ..codec.encode import Encoder
 from ..codec.errors import MotifoldError
+from ..codec.figure.bodyparts import BodyPart, PartsFile, body_parts
+from ..codec.figure.bodysize import head_diagonal, marker_head_diagonal
+from ..codec.figure.markerparts import marker_parts
+from ..codec.figure.rig import Family, Rig, bends_of, bone_means, rig_of
 from ..codec.formats.channels import rotation_order
 from ..codec.formats.files import read_clip, source_bytes
-from ..codec.kinematics import world_rotations
-from ..codec.markerparts import marker_parts
-from ..codec.metrics import Errors
-from ..codec.rig import Family, Rig, bends_of, bone_means, rig_of
-from ..codec.segments import SegmentRules, clip_segments
-from ..codec.signals import relative_rotations
+from ..codec.geometry.kinematics import world_rotations
+from ..codec.geometry.metrics import Errors
+from ..codec.patterns.segments import SegmentRules, clip_segments
+from ..codec.patterns.signals import relative_rotations
+from ..codec.version1.encode import Encoder
 from .clustering import Representatives, within_clip
 from .discover import Source
 from .durable import digest

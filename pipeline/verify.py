@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..codec.encode import measure
 from ..codec.errors import DamagedError, InputError, MotifoldError
 from ..codec.formats.files import read_clip, source_bytes
+from ..codec.geometry.metrics import measure
 from .archive import Archive
 from .archived_clip import ArchivedClip
 from .durable import digest

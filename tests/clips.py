@@ -12,14 +12,14 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from motifold.codec.bodyparts import BodyPart
 from motifold.codec.clip import Clip, FloatArray, Layout, MarkerClip, Skeleton, SkeletonClip
-from motifold.codec.encode import Encoder
-from motifold.codec.kinematics import world_rotations
-from motifold.codec.patterns import Codebook, to_coefficients
-from motifold.codec.rig import Family, Rig, bends_of, bone_means, found_family, rig_of
-from motifold.codec.segments import SegmentRules, clip_segments
-from motifold.codec.signals import relative_rotations
+from motifold.codec.figure.bodyparts import BodyPart
+from motifold.codec.figure.rig import Family, Rig, bends_of, bone_means, found_family, rig_of
+from motifold.codec.geometry.kinematics import world_rotations
+from motifold.codec.patterns.patterns import Codebook, to_coefficients
+from motifold.codec.patterns.segments import SegmentRules, clip_segments
+from motifold.codec.patterns.signals import relative_rotations
+from motifold.codec.version1.encode import Encoder
 
 RULES = SegmentRules()
 POSITIONS = ("Xposition", "Yposition", "Zposition")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from motifold.codec.bodyparts import BodyPart
 from motifold.codec.clip import Skeleton
+from motifold.codec.figure.bodyparts import BodyPart
 
 
 def skeleton(text: str) -> Skeleton:

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from motifold.codec.aiming import MENDED, aim
+from motifold.codec.blocks.aiming import MENDED, aim
+from motifold.codec.blocks.nodes import HINGE, JOINT, KIND, PLACE, TURN
 from motifold.codec.clip import FloatArray, IntArray, SkeletonClip
-from motifold.codec.kinematics import SHELL_INERTIA
-from motifold.codec.limits import uniform_limits
-from motifold.codec.motiongoal import Goal, goal_of
-from motifold.codec.nodes import HINGE, JOINT, KIND, PLACE, TURN
-from motifold.codec.rig import rig_of
+from motifold.codec.figure.rig import rig_of
+from motifold.codec.geometry.kinematics import SHELL_INERTIA
+from motifold.codec.geometry.limits import uniform_limits
+from motifold.codec.version2.motiongoal import Goal, goal_of
 
 SPAN = 4
 

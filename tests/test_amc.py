@@ -15,7 +15,7 @@ from motifold.codec.clip import FloatArray, SkeletonClip
 from motifold.codec.errors import FormatError, MotifoldError, UnsupportedError, UsageError
 from motifold.codec.formats.amc import parse_amc, parse_asf
 from motifold.codec.formats.bvh import format_bvh, parse_bvh
-from motifold.codec.kinematics import end_positions, world_positions, world_rotations
+from motifold.codec.geometry.kinematics import end_positions, world_positions, world_rotations
 
 relaxed = settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
 numbers = st.integers(-1_800_000, 1_800_000).map(lambda n: n / 10_000)

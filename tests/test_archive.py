@@ -25,7 +25,7 @@ from motifold.codec.errors import (
     UsageError,
 )
 from motifold.codec.formats.files import read_clip
-from motifold.codec.kinematics import world_positions, world_rotations
+from motifold.codec.geometry.kinematics import world_positions, world_rotations
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.archived_clip import ArchivedClip
 from motifold.pipeline.clustering import ClusterRules

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from joint_trees import CMU_ASF, assert_sound, described, skeleton
 
-from motifold.codec.bodyparts import BodyPart, body_parts, load_parts
-from motifold.codec.bodysize import head_diagonal
 from motifold.codec.clip import Skeleton
 from motifold.codec.errors import UsageError
+from motifold.codec.figure.bodyparts import BodyPart, body_parts, load_parts
+from motifold.codec.figure.bodysize import head_diagonal
 
 WORDS = """
 Hips pelvis Spine1 neck Head LeftShoulder L_Clavicle RightArm rForeArm Hand.L thumb_01_r

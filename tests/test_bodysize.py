@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from joint_trees import t_pose
 
-from motifold.codec.bodysize import head_diagonal, marker_head_diagonal
 from motifold.codec.clip import Skeleton
+from motifold.codec.figure.bodysize import head_diagonal, marker_head_diagonal
 
 
 def test_the_head_diagonal_follows_the_standing_height() -> None:

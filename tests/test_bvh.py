@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from motifold.codec.clip import FloatArray, Layout, SkeletonClip
 from motifold.codec.errors import FormatError, MotifoldError, UnsupportedError, UsageError
 from motifold.codec.formats.bvh import format_bvh, parse_bvh
-from motifold.codec.kinematics import end_positions, world_positions, world_rotations
+from motifold.codec.geometry.kinematics import end_positions, world_positions, world_rotations
 
 POSITIONS = ("Xposition", "Yposition", "Zposition")
 ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motifold.codec.nearest import NearestPatterns
-from motifold.codec.patterns import to_centimetres
+from motifold.codec.patterns.nearest import NearestPatterns
+from motifold.codec.patterns.patterns import to_centimetres
 from motifold.pipeline.clustering import ClusterRules, Representatives, grow, within_clip
 from motifold.pipeline.executors import one_thread
 

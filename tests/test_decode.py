@@ -22,11 +22,11 @@ from clips import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motifold.codec.bodyparts import BodyPart
 from motifold.codec.clip import MarkerClip, SkeletonClip
-from motifold.codec.decode import decode
 from motifold.codec.errors import UsageError
-from motifold.codec.index_file import unpack
+from motifold.codec.figure.bodyparts import BodyPart
+from motifold.codec.version1.decode import decode
+from motifold.codec.version1.index_file import unpack
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -125,10 +125,10 @@ FRESH_PROCESS = """
 import hashlib, sys
 import numpy as np
 from clips import Recipe, marker_bench, skeleton_bench
-from motifold.codec.decode import decode
-from motifold.codec.index_file import unpack
-from motifold.codec.layers import group_channels, read_preview, read_rest
-from motifold.codec.segments import most_frames
+from motifold.codec.version1.decode import decode
+from motifold.codec.version1.index_file import unpack
+from motifold.codec.version1.layers import group_channels, read_preview, read_rest
+from motifold.codec.patterns.segments import most_frames
 
 digest = hashlib.blake2b()
 for subject in (

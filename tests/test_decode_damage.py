@@ -13,12 +13,12 @@ from clips import Bench, Recipe, marker_bench, skeleton_bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motifold.codec.decode import Tier, decode
-from motifold.codec.entropy import SymbolWriter
 from motifold.codec.errors import DamagedError, MotifoldError
-from motifold.codec.index_file import pack, unpack
-from motifold.codec.layers import can_slide
-from motifold.codec.residual import write_residual
+from motifold.codec.figure.sliding import can_slide
+from motifold.codec.streams.entropy import SymbolWriter
+from motifold.codec.version1.decode import Tier, decode
+from motifold.codec.version1.index_file import pack, unpack
+from motifold.codec.version1.residual import write_residual
 
 SUBJECTS = {
     "skeleton": skeleton_bench(Recipe(1, joints=9, frames=30), patterns=True),

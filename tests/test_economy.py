@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_modelfile import assert_same, random_model
 
+from motifold.codec.blocks.motionmodel import BASIS_BITS, MotionModel, fixed_model
 from motifold.codec.clip import IntArray
-from motifold.codec.economy import Candidate, cheapest, coarsened
-from motifold.codec.modelfile import read_model, row_sizes, write_model
-from motifold.codec.motionmodel import BASIS_BITS, MotionModel, fixed_model
+from motifold.codec.learned.economy import Candidate, cheapest, coarsened
+from motifold.codec.learned.modelfile import read_model, row_sizes, write_model
 
 
 def mixed(model: MotionModel, as_fixed: IntArray) -> MotionModel:

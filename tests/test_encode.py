@@ -26,14 +26,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from motifold.codec import encode
 from motifold.codec.clip import Clip, MarkerClip, SkeletonClip
-from motifold.codec.decode import decode
-from motifold.codec.encode import Encoded
 from motifold.codec.errors import GuaranteeError, UnsupportedError
-from motifold.codec.index_file import unpack
-from motifold.codec.rotations import from_euler, to_euler
-from motifold.codec.segments import SegmentRules
+from motifold.codec.geometry.rotations import from_euler, to_euler
+from motifold.codec.patterns.segments import SegmentRules
+from motifold.codec.version1 import encode
+from motifold.codec.version1.decode import decode
+from motifold.codec.version1.encode import Encoded
+from motifold.codec.version1.index_file import unpack
 
 TOLERANCES = st.sampled_from([0.01, 0.1, 1.0])
 SEEDS = st.integers(0, 2**32 - 1)

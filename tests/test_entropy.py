@@ -16,7 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motifold.codec.clip import IntArray
-from motifold.codec.entropy import (
+from motifold.codec.errors import DamagedError, GuaranteeError
+from motifold.codec.streams.entropy import (
     CLASS_FLOORS,
     CLASS_SHIFTS,
     CLASSES,
@@ -26,9 +27,8 @@ from motifold.codec.entropy import (
     class_probabilities,
     least_bits,
 )
-from motifold.codec.errors import DamagedError, GuaranteeError
-from motifold.codec.sizeclasses import CLASSES as SIZES
-from motifold.codec.sizeclasses import (
+from motifold.codec.streams.sizeclasses import CLASSES as SIZES
+from motifold.codec.streams.sizeclasses import (
     ESCAPE,
     class_counts,
     class_floors,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from motifold.codec.errors import UsageError
-from motifold.codec.fisher import optimal_partition, paa, wssse
+from motifold.codec.patterns.fisher import optimal_partition, paa, wssse
 
 VALUES = st.floats(-100, 100, width=32)
 

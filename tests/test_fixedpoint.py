@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from plain import Watched, plain_functions
 from scipy.spatial.transform import Rotation
 
-from motifold.codec import fixedpoint
-from motifold.codec.clip import FloatArray
-from motifold.codec.fixedpoint import (
+from motifold.codec.arithmetic import fixedpoint
+from motifold.codec.arithmetic.fixedpoint import (
     ANGLE_BITS,
     LARGEST_ANGLE,
     LOG_BITS,
@@ -31,7 +30,8 @@ from motifold.codec.fixedpoint import (
     unit,
     vector_of,
 )
-from motifold.codec.quaternionlog import vector_to
+from motifold.codec.arithmetic.quaternionlog import vector_to
+from motifold.codec.clip import FloatArray
 
 PLAIN = plain_functions(fixedpoint)
 LIMIT = 1 << 45  # of the components that `rotated` takes

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from oracle_files import file_errors
 
-from motifold.codec.decode import decode_integers
-from motifold.codec.index_file import IndexFile
+from motifold.codec.version1.decode import decode_integers
+from motifold.codec.version1.index_file import IndexFile
 from motifold.pipeline import Archive
 from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.restore import restore_clips

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from motifold.codec.clip import BoolArray
-from motifold.codec.gaps import filled, from_runs, to_runs
+from motifold.codec.geometry.gaps import filled, from_runs, to_runs
 
 MASKS = st.tuples(st.integers(0, 12), st.integers(0, 4)).flatmap(
     lambda shape: arrays(np.bool_, shape)

@@ -13,7 +13,12 @@ ROOT = Path(__file__).resolve().parents[1]
 FLOORS = ("codec", "pipeline", "catalog", "workflows")
 SOURCES = sorted(path for floor in FLOORS for path in (ROOT / floor).rglob("*.py"))
 NAMES = [path.relative_to(ROOT).as_posix() for path in SOURCES]
-UPWARD_IN_CODEC = {"codec/conform.py": {"codec.formats.channels"}}
+ROOMS = (  # of the codec, each importing only from those before it
+    *("geometry", "arithmetic", "formats", "figure", "streams"),
+    *("patterns", "version1", "blocks", "learned", "version2"),
+)
+APART = {"blocks", "learned", "version2"}, {"patterns", "version1"}
+UPWARD_IN_CODEC = {"codec/figure/conform.py": {"codec.formats.channels"}}
 HEAVY = {
     "codec": {"dask", "distributed", "zarr", "typer", "sklearn"},
     "pipeline": {"typer"},
@@ -52,6 +57,23 @@ def test_imports_never_point_up(name: str) -> None:
         assert top not in HEAVY[FLOORS[floor]], f"{name} imports {top}"
         assert top != "motifold", "imports inside the package are relative"
         assert top not in ("tests", "pytest", "hypothesis")
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("codec/")])
+def test_the_rooms_of_the_codec_stand_in_a_row(name: str) -> None:
+    room = name.split("/")[1]
+    if room not in ROOMS:
+        return
+    for module in imported(ROOT / name):
+        other = module.split(".")[1] if module.startswith("codec.") else ""
+        if other in ROOMS:
+            assert ROOMS.index(other) <= ROOMS.index(room), f"{name} imports {module}"
+            assert not (room in APART[0] and other in APART[1]), f"{name} imports {module}"
+
+
+def test_every_folder_of_the_codec_is_a_room() -> None:
+    folders = {path.parent.name for path in (ROOT / "codec").glob("*/__init__.py")}
+    assert folders == set(ROOMS)
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("codec/")])

@@ -13,16 +13,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from motifold.codec.errors import DamagedError, VersionError
-from motifold.codec.index_file import (
-    FRAME_LIMIT,
-    MAGIC,
-    VERSION,
-    IndexFile,
-    float32_above,
-    pack,
-    unpack,
-)
-from motifold.codec.metrics import Errors
+from motifold.codec.geometry.metrics import Errors
+from motifold.codec.streams.envelope import FRAME_LIMIT, MAGIC, float32_above
+from motifold.codec.version1.index_file import VERSION, IndexFile, pack, unpack
 
 NUMBERS = st.integers(0, 2**63 - 1)
 LENGTHS = st.floats(0.0, 4000.0)

@@ -19,8 +19,8 @@ from joint_trees import (
 )
 from library import library_path
 
-from motifold.codec.bodyparts import body_parts
 from motifold.codec.clip import Skeleton
+from motifold.codec.figure.bodyparts import body_parts
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from clips import Recipe, recipes, skeleton_clip
 from hypothesis import given, settings
 
 from motifold.codec.clip import Skeleton
-from motifold.codec.kinematics import (
+from motifold.codec.geometry.kinematics import (
     end_positions,
     hanging_joints,
     levers,
@@ -17,7 +17,7 @@ from motifold.codec.kinematics import (
     world_positions,
     world_rotations,
 )
-from motifold.codec.rotations import from_axis_angle
+from motifold.codec.geometry.rotations import from_axis_angle
 
 
 @given(recipes())

@@ -12,13 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motifold.codec.clip import MarkerClip
-from motifold.codec.entropy import SymbolWriter
 from motifold.codec.errors import DamagedError
-from motifold.codec.layers import (
+from motifold.codec.figure.sliding import can_slide
+from motifold.codec.patterns.patterns import no_patterns
+from motifold.codec.patterns.signals import Frame, part_channels
+from motifold.codec.streams.entropy import SymbolWriter
+from motifold.codec.streams.envelope import check_room
+from motifold.codec.version1.layers import (
     PartIndex,
     Preview,
-    can_slide,
-    check_room,
     group_channels,
     part_starts,
     predicted,
@@ -28,8 +30,6 @@ from motifold.codec.layers import (
     write_preview,
     write_rest,
 )
-from motifold.codec.patterns import no_patterns
-from motifold.codec.signals import Frame, part_channels
 
 LONGEST = 48
 SEEDS = st.integers(0, 2**32 - 1)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motifold.codec.clip import Clip, MarkerClip, SkeletonClip
-from motifold.codec.limits import Bounds, Limits, limits_of, uniform_limits
+from motifold.codec.geometry.limits import Bounds, Limits, limits_of, uniform_limits
 
 Joints: TypeAlias = tuple[tuple[str, float], ...]
 Spans: TypeAlias = tuple[tuple[float, float, float], ...]

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from library import library_path
 
-from motifold.codec.bodyparts import BodyPart
+from motifold.codec.figure.bodyparts import BodyPart
+from motifold.codec.figure.markerparts import cluster_markers, marker_parts
 from motifold.codec.formats.c3d_file import parse_c3d
 from motifold.codec.formats.trc import parse_trc
-from motifold.codec.markerparts import cluster_markers, marker_parts
-from motifold.codec.rotations import from_axis_angle
+from motifold.codec.geometry.rotations import from_axis_angle
 
 SIDES = "SHO UPA ELB FRM WRA WRB FIN THI KNE TIB ANK HEE TOE".split()  # noqa: SIM905
 CORE = (

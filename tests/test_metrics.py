@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from motifold.codec import metrics
 from motifold.codec.clip import SkeletonClip
-from motifold.codec.metrics import Errors, clip_errors, marker_errors, summarise
+from motifold.codec.geometry import metrics
+from motifold.codec.geometry.metrics import Errors, clip_errors, marker_errors, summarise
 
 
 def shaken(clip: SkeletonClip, seed: int, size: float) -> SkeletonClip:

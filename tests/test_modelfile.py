@@ -10,12 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motifold.codec.blockcontext import feature_count
-from motifold.codec.clip import IntArray
-from motifold.codec.entropy import SymbolWriter
-from motifold.codec.errors import DamagedError
-from motifold.codec.modelfile import read_model, write_model
-from motifold.codec.motionmodel import (
+from motifold.codec.blocks.blockcontext import feature_count
+from motifold.codec.blocks.motionmodel import (
     BASIS_BITS,
     GROUPS,
     SIGNS,
@@ -26,6 +22,10 @@ from motifold.codec.motionmodel import (
     fold_features,
     usual_lags,
 )
+from motifold.codec.clip import IntArray
+from motifold.codec.errors import DamagedError
+from motifold.codec.learned.modelfile import read_model, write_model
+from motifold.codec.streams.entropy import SymbolWriter
 
 SPANS = (4, 8, 16)
 ARRAYS = ("lags", "folded_weights", "folded_basis", "base", "senses", "starts")

@@ -29,19 +29,19 @@ from clips import (
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from motifold.codec.blocks.motionmodel import MotionModel, fixed_model, usual_span
+from motifold.codec.blocks.offered import Reference, reference_of
+from motifold.codec.blocks.startpose import usual_pose
 from motifold.codec.clip import Clip, MarkerClip, SkeletonClip
 from motifold.codec.errors import DamagedError, GuaranteeError, UnsupportedError, UsageError
-from motifold.codec.learning import learn
-from motifold.codec.limits import Bounds, Limits, limits_of, uniform_limits
-from motifold.codec.modelfile import read_model, write_model
-from motifold.codec.motioncodec import Reference, reference_of
-from motifold.codec.motiondecode import decode_motion, decode_states
-from motifold.codec.motionencode import EncodedMotion, MotionEncoder
-from motifold.codec.motionfile import unpack_motion
-from motifold.codec.motiongoal import goal_of
-from motifold.codec.motionmodel import MotionModel, fixed_model, usual_span
-from motifold.codec.samples import Manner, Sample
-from motifold.codec.startpose import usual_pose
+from motifold.codec.geometry.limits import Bounds, Limits, limits_of, uniform_limits
+from motifold.codec.learned.learning import learn
+from motifold.codec.learned.modelfile import read_model, write_model
+from motifold.codec.learned.samples import Manner, Sample
+from motifold.codec.version2.motiondecode import decode_motion, decode_states
+from motifold.codec.version2.motionencode import EncodedMotion, MotionEncoder
+from motifold.codec.version2.motionfile import unpack_motion
+from motifold.codec.version2.motiongoal import goal_of
 
 TOLERANCES = st.sampled_from([0.01, 0.1, 1.0])
 ROUNDING = 1e-6  # centimetres

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from motifold.codec.anyfile import check_whole, unpack_any
 from motifold.codec.errors import DamagedError, MotifoldError, VersionError
-from motifold.codec.index_file import MAGIC, varint
-from motifold.codec.metrics import Errors
-from motifold.codec.motionfile import (
+from motifold.codec.geometry.metrics import Errors
+from motifold.codec.streams.envelope import MAGIC, varint
+from motifold.codec.version2.motionfile import (
     RUN_FRAMES,
     VERSION,
     MotionFile,

@@ -13,16 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motifold.codec.clip import BoolArray
-from motifold.codec.entropy import SymbolWriter
 from motifold.codec.errors import DamagedError
-from motifold.codec.motionhead import (
+from motifold.codec.figure.rig import Rig, rig_of
+from motifold.codec.streams.entropy import SymbolWriter
+from motifold.codec.version2.motionhead import (
     MOST_REFERENCES,
     Head,
     read_head,
     read_references,
     write_head,
 )
-from motifold.codec.rig import Rig, rig_of
 
 JOINTS = 12
 REFERENCES = st.lists(

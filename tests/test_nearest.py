@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motifold.codec.clip import FloatArray
-from motifold.codec.nearest import NearestPatterns, slow_coordinates
+from motifold.codec.patterns.nearest import NearestPatterns, slow_coordinates
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -11,9 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from joint_trees import BIPED, CMU_ASF, UNREAL, XSENS, skeleton
 
-from motifold.codec.bodyparts import body_parts
-from motifold.codec.clip import IntArray, Skeleton, SkeletonClip
-from motifold.codec.nodes import (
+from motifold.codec.blocks.nodes import (
     AXES,
     CARRIER,
     FOLLOWER,
@@ -29,7 +27,9 @@ from motifold.codec.nodes import (
     marker_nodes,
     skeleton_nodes,
 )
-from motifold.codec.rig import Family, Rig, rig_of
+from motifold.codec.clip import IntArray, Skeleton, SkeletonClip
+from motifold.codec.figure.bodyparts import body_parts
+from motifold.codec.figure.rig import Family, Rig, rig_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from clips import Recipe, marker_bench, skeleton_bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motifold.codec.patterns import (
+from motifold.codec.patterns.patterns import (
     COSINES,
     PATTERN_FRAMES,
     PATTERN_STEP,

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motifold.codec.errors import UsageError
-from motifold.codec.segments import SegmentRules
+from motifold.codec.patterns.segments import SegmentRules
 from motifold.pipeline.clustering import ClusterRules
 from motifold.pipeline.discover import Source
 from motifold.pipeline.plan import BATCH_BYTES, BATCH_CLIPS, Settings, make_plan

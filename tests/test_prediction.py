@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motifold.codec.clip import BoolArray, IntArray
-from motifold.codec.prediction import differences, innovations_of, restore, run_starts
+from motifold.codec.version1.prediction import differences, innovations_of, restore, run_starts
 
 ORDERS = pytest.mark.parametrize("order", [1, 2])
 SEEDS = st.integers(0, 2**32 - 1)

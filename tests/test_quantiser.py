@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from motifold.codec.errors import DamagedError
-from motifold.codec.quantiser import CODES, code_below, step_of
+from motifold.codec.streams.quantiser import CODES, code_below, step_of
 
 
 def exact(code: int) -> Fraction:

@@ -13,13 +13,10 @@ from clips import Recipe, family_of, random_parts, skeleton_clip
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motifold.codec.blockcontext import KEYS
-from motifold.codec.clip import IntArray
-from motifold.codec.limits import uniform_limits
-from motifold.codec.motiongoal import goal_of
-from motifold.codec.motionmodel import fixed_model
-from motifold.codec.nodes import FOLLOWER, KIND, PLACE, ROW
-from motifold.codec.recall import (
+from motifold.codec.blocks.blockcontext import KEYS
+from motifold.codec.blocks.motionmodel import fixed_model
+from motifold.codec.blocks.nodes import FOLLOWER, KIND, PLACE, ROW
+from motifold.codec.blocks.recall import (
     FAR,
     NEIGHBOURS,
     STRIDE,
@@ -32,7 +29,10 @@ from motifold.codec.recall import (
     remember,
     remember_next,
 )
-from motifold.codec.rig import rig_of
+from motifold.codec.clip import IntArray
+from motifold.codec.figure.rig import rig_of
+from motifold.codec.geometry.limits import uniform_limits
+from motifold.codec.version2.motiongoal import goal_of
 
 Keys: TypeAlias = npt.NDArray[np.int16]
 CHANNELS = 12

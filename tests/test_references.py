@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motifold.codec.sketch import SKETCH_NUMBERS, Sketch
+from motifold.codec.learned.sketch import SKETCH_NUMBERS, Sketch
 from motifold.pipeline.references import (
     LEVEL_SHARES,
     MOST_MOMENTS,

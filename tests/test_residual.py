@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motifold.codec.clip import IntArray
-from motifold.codec.entropy import (
+from motifold.codec.errors import DamagedError
+from motifold.codec.streams.entropy import (
     CLASS_FLOORS,
     CLASS_SHIFTS,
     CLASSES,
@@ -19,9 +20,8 @@ from motifold.codec.entropy import (
     SymbolWriter,
     class_probabilities,
 )
-from motifold.codec.errors import DamagedError
-from motifold.codec.layers import LEAST_BITS
-from motifold.codec.residual import read_residual, write_residual
+from motifold.codec.streams.envelope import LEAST_BITS
+from motifold.codec.version1.residual import read_residual, write_residual
 
 
 def coded(left: IntArray, groups: list[int]) -> bytes:

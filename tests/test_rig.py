@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from motifold.codec.kinematics import levers
-from motifold.codec.rig import Family, Rig, bone_means, found_family, rig_of
+from motifold.codec.figure.rig import Family, Rig, bone_means, found_family, rig_of
+from motifold.codec.geometry.kinematics import levers
 
 
 @given(recipes(most_frames=3), st.booleans())

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from motifold.codec.clip import FloatArray
-from motifold.codec.rotations import (
+from motifold.codec.geometry.rotations import (
     about_axis,
     from_axis_angle,
     from_euler,

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from libraries import BAD, CLIPS, copied, short_specs, tree, write_clips
 
-from motifold.codec.bodyparts import load_parts
-from motifold.codec.encode import measure
 from motifold.codec.errors import ArchiveError, UsageError
+from motifold.codec.figure.bodyparts import load_parts
 from motifold.codec.formats.files import clip_bytes, read_clip
-from motifold.codec.motionfile import MotionFile
-from motifold.codec.motionhead import read_references
-from motifold.codec.segments import SegmentRules, clip_segments
+from motifold.codec.geometry.metrics import measure
+from motifold.codec.patterns.segments import SegmentRules, clip_segments
+from motifold.codec.version2.motionfile import MotionFile
+from motifold.codec.version2.motionhead import read_references
 from motifold.pipeline import plan, run
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.clustering import ClusterRules
@@ -356,9 +356,9 @@ def test_every_segment_is_within_the_radius_of_the_pattern_that_stands_for_it(
     patterned: HalfAndAll,
 ) -> None:
     from motifold.codec.formats.files import read_clip
-    from motifold.codec.index_file import IndexFile
-    from motifold.codec.layers import read_preview
-    from motifold.codec.segments import most_frames
+    from motifold.codec.patterns.segments import most_frames
+    from motifold.codec.version1.index_file import IndexFile
+    from motifold.codec.version1.layers import read_preview
 
     rules = ClusterRules()
     with Archive(patterned.all) as archive:

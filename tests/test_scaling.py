@@ -9,10 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from motifold.codec.clip import FloatArray, IntArray
-from motifold.codec.kinematics import MADE_UP, SHELL_INERTIA, hanging_joints, inertia
-from motifold.codec.rig import bends_of, found_family, rig_of
-from motifold.codec.scaling import (
+from motifold.codec.arithmetic.scaling import (
     FROM_ANGLES,
     FROM_TURNS,
     bounded,
@@ -21,6 +18,9 @@ from motifold.codec.scaling import (
     to_angles,
     to_lengths,
 )
+from motifold.codec.clip import FloatArray, IntArray
+from motifold.codec.figure.rig import bends_of, found_family, rig_of
+from motifold.codec.geometry.kinematics import MADE_UP, SHELL_INERTIA, hanging_joints, inertia
 
 UPPER = np.triu_indices(3)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from motifold.codec.errors import UsageError
-from motifold.codec.segmentation import partition
+from motifold.codec.patterns.segmentation import partition
 
 VALUES = st.floats(-50, 50, width=32)
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motifold.codec.errors import UsageError
-from motifold.codec.segments import (
+from motifold.codec.patterns.segments import (
     MOST_SECONDS,
     SegmentRules,
     Segments,

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from motifold.codec.clip import FloatArray, IntArray, MarkerClip, SkeletonClip
-from motifold.codec.gaps import filled
-from motifold.codec.kinematics import world_rotations
-from motifold.codec.layers import can_slide
-from motifold.codec.signals import (
+from motifold.codec.figure.sliding import can_slide
+from motifold.codec.geometry.gaps import filled
+from motifold.codec.geometry.kinematics import world_rotations
+from motifold.codec.patterns.signals import (
     CUBE,
     Frame,
     choose_bases,

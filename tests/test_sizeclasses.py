@@ -11,8 +11,8 @@ from exact_doubles import root, sized_counts, to_double
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motifold.codec.fixedpoint import log2_of
-from motifold.codec.sizeclasses import (
+from motifold.codec.arithmetic.fixedpoint import log2_of
+from motifold.codec.streams.sizeclasses import (
     CLASSES,
     ESCAPE,
     LEAST_OCTAVE,

@@ -11,14 +11,14 @@ from clips import Recipe, family_of, random_parts, skeleton_clip
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from motifold.codec.bodyparts import body_parts
+from motifold.codec.blocks.motionmodel import usual_span
+from motifold.codec.blocks.recall import STRIDE as MOMENT_STRIDE
 from motifold.codec.clip import SkeletonClip
-from motifold.codec.limits import uniform_limits
-from motifold.codec.motiongoal import goal_of
-from motifold.codec.motionmodel import usual_span
-from motifold.codec.recall import STRIDE as MOMENT_STRIDE
-from motifold.codec.rig import rig_of
-from motifold.codec.sketch import SKETCH_NUMBERS, STRIDE, Sketch, sketch_of
+from motifold.codec.figure.bodyparts import body_parts
+from motifold.codec.figure.rig import rig_of
+from motifold.codec.geometry.limits import uniform_limits
+from motifold.codec.learned.sketch import SKETCH_NUMBERS, STRIDE, Sketch, sketch_of
+from motifold.codec.version2.motiongoal import goal_of
 from motifold.workflows.synthetic import ACTIONS, synthetic_clip
 
 

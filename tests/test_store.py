@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from libraries import MARKERS, copied, marker_course, short_specs, tree
 
-from motifold.codec.bodyparts import body_parts
 from motifold.codec.clip import Layout, MarkerClip
 from motifold.codec.errors import ArchiveError, DamagedError
-from motifold.codec.markerparts import marker_parts
-from motifold.codec.patterns import PATTERN_FRAMES, no_patterns
-from motifold.codec.rig import Family, Rig, bends_of, bone_means, found_family, rig_of
+from motifold.codec.figure.bodyparts import body_parts
+from motifold.codec.figure.markerparts import marker_parts
+from motifold.codec.figure.rig import Family, Rig, bends_of, bone_means, found_family, rig_of
+from motifold.codec.patterns.patterns import PATTERN_FRAMES, no_patterns
 from motifold.pipeline.commit import Commit, Job
 from motifold.pipeline.ledger import Ledger
 from motifold.pipeline.store import Store, check_generation, read_store, write_generation

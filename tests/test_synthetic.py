@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from motifold.codec.clip import FloatArray, SkeletonClip
 from motifold.codec.errors import UsageError
 from motifold.codec.formats.bvh import format_bvh, parse_bvh
-from motifold.codec.kinematics import end_positions, world_positions, world_rotations
-from motifold.codec.rotations import to_axis_angle
+from motifold.codec.geometry.kinematics import end_positions, world_positions, world_rotations
+from motifold.codec.geometry.rotations import to_axis_angle
 from motifold.workflows.performers import STYLES, ease
 from motifold.workflows.synthetic import (
     ACTIONS,

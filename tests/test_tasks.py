@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from libraries import BAD, short_specs, write_clips
 
-from motifold.codec.encode import Encoder
+from motifold.codec.figure.rig import found_family
 from motifold.codec.formats.files import read_clip
-from motifold.codec.index_file import unpack
-from motifold.codec.patterns import Codebook
-from motifold.codec.rig import found_family
-from motifold.codec.segments import SegmentRules, clip_segments
+from motifold.codec.patterns.patterns import Codebook
+from motifold.codec.patterns.segments import SegmentRules, clip_segments
+from motifold.codec.version1.encode import Encoder
+from motifold.codec.version1.index_file import unpack
 from motifold.pipeline import tasks
 from motifold.pipeline.discover import Source, discover
 from motifold.pipeline.durable import digest

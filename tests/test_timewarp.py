@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from motifold.codec.timewarp import (
+from motifold.codec.patterns.timewarp import (
     denormalise,
     denormalise_batch,
     normalise,

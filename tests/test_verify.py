@@ -160,7 +160,7 @@ def test_a_source_that_changed_is_told(
 def test_a_certificate_that_is_too_good_to_be_true_is_told(
     small_archive: Path, small_library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from motifold.codec.metrics import Errors
+    from motifold.codec.geometry.metrics import Errors
 
     monkeypatch.setattr(module, "measure", lambda *_: Errors(0.09999999, 0.01, 0.05))
     found = verified(small_archive, library=small_library)

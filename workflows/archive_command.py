@@ -89,8 +89,8 @@ def archive(
     cannot be used are listed at the end (exit code 3) and stop nothing. An interrupted job
     leaves the archive as it was.
     """
-    from ..codec.bodyparts import load_parts
-    from ..codec.segments import SegmentRules
+    from ..codec.figure.bodyparts import load_parts
+    from ..codec.patterns.segments import SegmentRules
     from ..pipeline.clustering import ClusterRules
     from ..pipeline.plan import Settings
     from ..pipeline.run import archive_library

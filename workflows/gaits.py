@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from ..codec.clip import FloatArray
-from ..codec.rotations import about_axis, from_euler
+from ..codec.geometry.rotations import about_axis, from_euler
 from .gait_curves import RUN, SHUFFLE, WALK, Gait, leg_angles
 from .performers import (
     INDEX,

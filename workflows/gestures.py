@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ..codec.clip import FloatArray
-from ..codec.rotations import about_axis
+from ..codec.geometry.rotations import about_axis
 from .performers import (
     INDEX,
     JOINTS,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..codec.clip import FloatArray, Skeleton
-from ..codec.rotations import from_euler
+from ..codec.geometry.rotations import from_euler
 
 # name, parent, group of bones that vary together, rest offset in cm at a stature of 172 cm;
 # limbs on the left, mirrored for the right

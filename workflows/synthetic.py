@@ -15,7 +15,7 @@ import numpy as np
 from ..codec.clip import FloatArray, Layout, SkeletonClip
 from ..codec.errors import UsageError
 from ..codec.formats.bvh import format_bvh
-from ..codec.rotations import about_axis, from_axis_angle
+from ..codec.geometry.rotations import about_axis, from_axis_angle
 from .gaits import run, turn, walk, walk_turn
 from .gestures import idle, jump, reach, sit, wave
 from .performers import JOINTS, STYLES, Motion, Performer, Style, ease, performer, smooth_noise

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..clip import FloatArray, Layout, Repair, SkeletonClip, UnitSource
 from ..errors import FormatError, InputError
-from ..rotations import from_euler
+from ..geometry.rotations import from_euler
 from .asf import AsfRig, parse_asf
 from .channels import POSITIONS, check_size
 from .numerals import LARGEST, cut_short, usable_number

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..clip import FloatArray, Repair, Skeleton
 from ..errors import FormatError, InputError, UnsupportedError
-from ..rotations import from_euler
+from ..geometry.rotations import from_euler
 from .bvh_hierarchy import MAX_JOINTS
 from .numerals import usable_number
 

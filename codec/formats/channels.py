@@ -13,7 +13,7 @@ import numpy as np
 
 from ..clip import FloatArray
 from ..errors import UnsupportedError
-from ..rotations import from_euler, to_euler
+from ..geometry.rotations import from_euler, to_euler
 
 POSITIONS = ("Xposition", "Yposition", "Zposition")
 ROTATIONS = ("Xrotation", "Yrotation", "Zrotation")

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..clip import Clip, SkeletonClip
-from ..kinematics import world_positions, world_rotations
+from ..geometry.kinematics import world_positions, world_rotations
 
 _UNIX = 3
 

@@ -1,0 +1,291 @@
+"""A run of frames as two entropy-coded streams: the core, then the rest.
+
+The core holds the first pose, the blocks' refinements and the coefficients of the root: its
+turn and its path. It decodes without the rest. The rest holds all other coefficients. Numbers
+stand block by block, in the order of the nodes, so that a prefix of the frames decodes too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arithmetic.compiled import compiled
+from ..clip import IntArray
+from ..errors import DamagedError
+from ..streams.entropy import SymbolReader, SymbolWriter
+from .blockcoder import MOST_FINE, expect, settle
+from .blockcontext import pose as pose_node
+from .blockwalk import Walk
+from .motifs import preview_state, read_motifs, write_motifs
+from .motionmodel import SIGNS, MotionModel
+from .nodes import FOLLOWER, KIND, Nodes
+from .recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
+from .startpose import start_classes, start_node
+
+_REFINEMENT_CLASS = 20  # of how a block's refinement differs from the last one's: mostly 0
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What encoder and decoder share of a run's surroundings.
+
+    ``memory`` and ``poses`` are those of the clip's references; pose 0 of ``poses`` (poses,
+    rows, 4) is the family's usual one.
+    """
+
+    nodes: Nodes
+    model: MotionModel
+    memory: Memory
+    poses: IntArray
+
+
+@dataclass(frozen=True)
+class Start:
+    """How a first pose is coded: number of the known pose, refinement, (nodes, 3) differences."""
+
+    pose: int
+    fine: int
+    quantised: IntArray
+
+
+def core_nodes(nodes: Nodes) -> list[int]:
+    """Return the nodes of the core."""
+    return sorted(node for node in {nodes.top, nodes.path} if node >= 0)
+
+
+def write_run(
+    known: Known, step: int, start: Start, motifs: IntArray, walk: Walk
+) -> tuple[bytes, bytes]:
+    """Return the core and the rest of a run; ``motifs``: see `motifs`."""
+    nodes = known.nodes
+    core, rest = SymbolWriter(), SymbolWriter()
+    core.uniform([start.pose], len(known.poses))
+    core.number(start.fine)
+    classes = start_classes(nodes, known.model, start.pose, step, start.fine)
+    core.sized(start.quantised.ravel(), classes.ravel())
+    write_motifs(core, motifs, len(known.poses))
+    in_core = core_nodes(nodes)
+    others = [
+        node
+        for node in range(nodes.count)
+        if node not in in_core and nodes.table[node, KIND] != FOLLOWER
+    ]
+    refined = bool(walk.fines.any())
+    core.uniform([int(refined)], 2)
+    before = 0
+    for block, fine in enumerate(walk.fines.tolist()):
+        if refined:
+            core.sized(np.array([fine - before]), np.array([_REFINEMENT_CLASS]))
+            before = fine
+        core.sized(walk.quantised[block, in_core].ravel(), walk.classes[block, in_core].ravel())
+    rest.sized(walk.quantised[:, others].ravel(), walk.classes[:, others].ravel())
+    return core.to_bytes(), rest.to_bytes()
+
+
+def read_run(known: Known, step: int, frames: int, core: bytes, rest: bytes | None) -> IntArray:
+    """Return the decoded state (frames, nodes, 4) of a run.
+
+    Without ``rest`` only the core is read: the figure's exact path, and its motifs for the
+    rest of the body. Raises `DamagedError`.
+    """
+    nodes, model = known.nodes, known.model
+    reader = SymbolReader(core)
+    other = None if rest is None else SymbolReader(rest)
+    number = int(reader.uniform(1, len(known.poses))[0])
+    fine = reader.number()
+    if fine > MOST_FINE:
+        raise DamagedError(f"claims a first pose refined {fine} times")
+    classes = start_classes(nodes, model, number, step, fine)
+    differences = reader.sized(classes.ravel()).reshape(-1, 3)
+    blocks = -(-(frames - 1) // model.span)
+    state = np.zeros((1 + blocks * model.span, nodes.count, 4), np.int64)
+    begin(state, nodes, known.poses, Start(number, fine, differences), step)
+    motifs = read_motifs(reader, frames, len(known.poses))
+    refined = bool(reader.uniform(1, 2)[0])
+    walker = _Walker(known, state, step, frames)
+    in_core = core_nodes(nodes)
+    groups = _groups(nodes, in_core)
+    fine = 0
+    for block in range(blocks):
+        if refined:
+            fine += int(reader.sized(np.array([_REFINEMENT_CLASS]))[0])
+            if not 0 <= fine <= MOST_FINE:
+                raise DamagedError(f"claims a block refined {fine} times")
+        for group in groups:
+            if other is None and group[0] not in in_core:
+                continue
+            source = reader if group[0] in in_core else other
+            coded = nodes.table[group[0], KIND] != FOLLOWER
+            if coded:
+                walker.expect(group, block, fine)
+            if coded:
+                assert source is not None
+                kinds = walker.classes[: len(group)]
+                walker.quantised[group] = source.sized(kinds.ravel()).reshape(kinds.shape)
+            walker.settle(group, block, fine)
+        walker.next(block)
+    if other is None:
+        return preview_state(state[:frames], nodes, in_core, known.poses, motifs)
+    return state[:frames]
+
+
+def begin(state: IntArray, nodes: Nodes, poses: IntArray, start: Start, step: int) -> None:
+    """Write the first pose into ``state``."""
+    for node in range(nodes.count):
+        differences = start.quantised[node]
+        pose = poses[start.pose]
+        start_node(state, node, nodes.table, pose, poses[0], differences, step, start.fine)
+
+
+def _groups(nodes: Nodes, in_core: list[int]) -> list[IntArray]:
+    """Return the nodes that are decoded together: the core's one by one, then by level.
+
+    A group is all followers, or has none.
+    """
+    groups = [[node] for node in in_core]
+    for low, high in zip(nodes.levels[:-1].tolist(), nodes.levels[1:].tolist(), strict=True):
+        level = [node for node in range(low, high) if node not in in_core]
+        groups.append([node for node in level if nodes.table[node, KIND] == FOLLOWER])
+        groups.append([node for node in level if nodes.table[node, KIND] != FOLLOWER])
+    return [np.array(group, np.int64) for group in groups if group]
+
+
+class _Walker:
+    """The decoder's place in a run."""
+
+    def __init__(self, known: Known, state: IntArray, step: int, frames: int) -> None:
+        nodes, model = known.nodes, known.model
+        self.state, self.step, self.table, self.span = state, step, nodes.table, model.span
+        self.signals = np.zeros((nodes.count, model.span, 3), np.int64)
+        self.activity = np.zeros((3, nodes.count), np.int64)
+        self.predictions = np.zeros((nodes.count, model.channels), np.int64)
+        self.classes = np.zeros((nodes.count, model.channels), np.int64)
+        self.quantised = np.zeros((nodes.count, model.channels), np.int64)
+        self.basis = model.basis
+        self.fixed = (model.span, model.lags, model.up, model.weights, model.base, model.senses)
+        self.remembered = (known.memory.keys, known.memory.follows)
+        self.own = own_memory(frames, model.rows, model.span)
+        self.moments = 0
+        self.root = (nodes.top, nodes.path)
+
+    def expect(self, group: IntArray, block: int, fine: int) -> None:
+        """Predict the nodes of a group, and fill the first rows of ``classes``."""
+        _expect_group(
+            self.state,
+            self.table,
+            group,
+            1 + block * self.span,
+            *self.fixed,
+            *self.remembered,
+            self.own.keys,
+            self.own.follows,
+            self.moments,
+            self.signals,
+            self.activity,
+            *self.root,
+            self.step,
+            fine,
+            self.predictions,
+            self.classes,
+        )
+
+    def settle(self, group: IntArray, block: int, fine: int) -> None:
+        """Write the frames of a group's nodes."""
+        _settle_group(
+            self.state,
+            self.table,
+            group,
+            1 + block * self.span,
+            self.span,
+            self.basis,
+            self.predictions,
+            self.quantised,
+            self.step,
+            fine,
+            self.signals,
+            self.activity,
+        )
+
+    def next(self, block: int) -> None:
+        """Remember what a block was, and go on to the next one."""
+        self.activity[2] = self.activity[1]
+        self.activity[1] = self.activity[0]
+        span, lags, up, weights, *_ = self.fixed
+        self.moments = remember_next(
+            self.state,
+            1 + (block + 1) * span,
+            self.table,
+            span,
+            lags,
+            up,
+            weights,
+            own_stride(span),
+            self.own.keys,
+            self.own.follows,
+            self.moments,
+        )
+
+
+@compiled
+def _expect_group(
+    state: IntArray,
+    table: IntArray,
+    group: IntArray,
+    start: int,
+    span: int,
+    lags: IntArray,
+    up: int,
+    weights: IntArray,
+    base: IntArray,
+    senses: IntArray,
+    keys: KeyArray,
+    follows: FollowArray,
+    own_keys: KeyArray,
+    own_follows: FollowArray,
+    own: int,
+    signals: IntArray,
+    activity: IntArray,
+    top: int,
+    path: int,
+    step: int,
+    fine: int,
+    predictions: IntArray,
+    classes: IntArray,
+) -> None:
+    signs = np.empty(SIGNS, np.int64)
+    for at in range(len(group)):
+        node = group[at]
+        if table[node, KIND] != FOLLOWER:
+            expect(
+                state, table, node, start, span, lags, up, weights, base, senses, keys, follows,
+                own_keys, own_follows, own, signals, activity, top, path, step, fine,
+                predictions[node], classes[at], signs,
+            )  # fmt: skip
+
+
+@compiled
+def _settle_group(
+    state: IntArray,
+    table: IntArray,
+    group: IntArray,
+    start: int,
+    span: int,
+    basis: IntArray,
+    predictions: IntArray,
+    quantised: IntArray,
+    step: int,
+    fine: int,
+    signals: IntArray,
+    activity: IntArray,
+) -> None:
+    for at in range(len(group)):
+        node = group[at]
+        if table[node, KIND] == FOLLOWER:
+            pose_node(state, table, node, start, span, signals)
+        else:
+            settle(
+                state, table, node, start, span, basis, predictions[node], quantised[node],
+                step, fine, signals, activity,
+            )  # fmt: skip

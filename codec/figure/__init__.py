@@ -1,0 +1,1 @@
+"""Rigs and their body parts: what the clips of a library share."""

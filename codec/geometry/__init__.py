@@ -1,0 +1,1 @@
+"""Rotations, kinematics, and what error means: floating point on arrays."""

@@ -1,0 +1,1 @@
+"""What a library teaches: motion models, their bytes, and sketches of clips."""

@@ -1,0 +1,154 @@
+"""Fitting the expected sizes of a motion model to what closed-loop walks quantise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ..arithmetic.compiled import compiled
+from ..blocks.blockcoder import expect, settle
+from ..blocks.motionmodel import GROUPS, SIGNS, MotionModel
+from ..blocks.nodes import FOLLOWER, KIND, ROW
+from ..blocks.recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
+from ..clip import FloatArray, IntArray
+from .samples import Manner, Sample, walked
+
+LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
+MOST_SAMPLES = 6000  # blocks of a row that the fit looks at
+
+
+@compiled
+def _gather_signs(
+    state: IntArray,
+    table: IntArray,
+    top: int,
+    path: int,
+    span: int,
+    lags: IntArray,
+    up: int,
+    weights: IntArray,
+    basis: IntArray,
+    base: IntArray,
+    senses: IntArray,
+    keys: KeyArray,
+    follows: FollowArray,
+    own_keys: KeyArray,
+    own_follows: FollowArray,
+    quantised: IntArray,
+    step: int,
+    found: IntArray,
+) -> None:
+    blocks, nodes, channels = quantised.shape
+    signals = np.zeros((nodes, span, 3), np.int64)
+    activity = np.zeros((3, nodes), np.int64)
+    prediction = np.empty(channels, np.int64)
+    classes = np.empty(channels, np.int64)
+    own = 0
+    for block in range(blocks):
+        start = 1 + block * span
+        for node in range(nodes):
+            if table[node, KIND] == FOLLOWER:
+                continue
+            expect(
+                state, table, node, start, span, lags, up, weights, base, senses, keys, follows,
+                own_keys, own_follows, own, signals, activity, top, path, step, 0,
+                prediction, classes, found[node, block],
+            )  # fmt: skip
+            settle(
+                state, table, node, start, span, basis, prediction, quantised[block, node],
+                step, 0, signals, activity,
+            )  # fmt: skip
+        activity[2] = activity[1]
+        activity[1] = activity[0]
+        own = remember_next(
+            state, start + span, table, span, lags, up, weights, own_stride(span),
+            own_keys, own_follows, own,
+        )  # fmt: skip
+
+
+def fit_all_sizes(
+    samples: Sequence[Sample], model: MotionModel, manner: Manner, memories: Iterable[Memory]
+) -> MotionModel:
+    """Return the model with expected sizes fitted to what closed-loop walks quantise."""
+    signs: list[list[IntArray]] = [[] for _ in range(model.rows)]
+    sizes: list[list[IntArray]] = [[] for _ in range(model.rows)]
+    for sample, memory in zip(samples, memories, strict=True):
+        done = walked(sample, model, memory, manner)
+        state, quantised = done.state, done.quantised
+        found = np.zeros((sample.nodes.count, len(quantised), SIGNS), np.int64)
+        own = own_memory(len(sample.goal), model.rows, model.span)
+        _gather_signs(
+            state,
+            sample.nodes.table,
+            sample.nodes.top,
+            sample.nodes.path,
+            model.span,
+            model.lags,
+            model.up,
+            model.weights,
+            model.basis,
+            model.base,
+            model.senses,
+            memory.keys,
+            memory.follows,
+            own.keys,
+            own.follows,
+            quantised,
+            manner.step,
+            found,
+        )
+        for node in range(sample.nodes.count):
+            if sample.nodes.table[node, KIND] != FOLLOWER:
+                row = int(sample.nodes.table[node, ROW])
+                signs[row].append(found[node])
+                sizes[row].append(quantised[:, node])
+    base, senses = model.base.copy(), model.senses.copy()
+    rng = np.random.default_rng(0)
+    for row in range(model.rows):
+        if sum(map(len, signs[row])) < LEAST_BLOCKS:
+            continue
+        x, q = np.concatenate(signs[row]) / 256.0, np.abs(np.concatenate(sizes[row]))
+        if len(x) > MOST_SAMPLES:
+            chosen = rng.choice(len(x), MOST_SAMPLES, replace=False)
+            x, q = x[chosen], q[chosen]
+        found_base, found_senses = fit_sizes(x, q.astype(np.float64))
+        base[row] = np.rint(found_base * 256)
+        senses[row] = np.rint(found_senses * 256)
+    return replace(model, base=base, senses=senses)
+
+
+def fit_sizes(signs: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (base, senses) that make ``sizes`` cheapest under two-sided geometric tables.
+
+    ``signs``: (blocks, signs), ``sizes``: (blocks, coefficients) absolute quantised values.
+    """
+    blocks, channels = sizes.shape
+    third = max(channels // GROUPS, 1)
+    group = np.minimum(np.arange(channels) // third, GROUPS - 1)
+    centre = signs.mean(axis=0)
+    x = signs - centre
+    start = np.log(np.maximum(sizes.mean(axis=0), 0.003))
+
+    def cost(values: FloatArray) -> tuple[float, FloatArray]:
+        base, senses = values[:channels], values[channels:].reshape(GROUPS, -1)
+        level = np.clip(base + (x @ senses.T)[:, group], -4.85, 15.0)
+        mean = np.exp(level)
+        root = np.sqrt(1.0 + mean * mean)
+        theta = (root - 1.0) / mean
+        bits = np.log((1.0 + theta) / (1.0 - theta)) - sizes * np.log(theta)
+        slope = (mean * mean / root - (root - 1.0)) / (mean * mean)
+        step = (1.0 / (1.0 - theta) + 1.0 / (1.0 + theta) - sizes / theta) * slope * mean
+        by_group = np.stack([step[:, group == g].sum(axis=1) for g in range(GROUPS)], axis=1)
+        gradient = np.concatenate([step.sum(axis=0), (by_group.T @ x).ravel()]) / blocks
+        penalty = 1e-3 * np.square(senses).sum()
+        gradient[channels:] += 2e-3 * senses.ravel()
+        return float(bits.sum() / blocks + penalty), gradient
+
+    values = np.concatenate([start, np.zeros(GROUPS * signs.shape[1])])
+    best = minimize(cost, values, jac=True, method="L-BFGS-B", options={"maxiter": 60}).x
+    base = best[:channels] / np.log(2.0)
+    senses = best[channels:].reshape(GROUPS, -1) / np.log(2.0)
+    return base - (senses @ centre)[group], senses

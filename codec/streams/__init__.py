@@ -1,0 +1,1 @@
+"""Numbers to bits and back: symbols, their tables, and quantiser steps."""

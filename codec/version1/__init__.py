@@ -1,0 +1,1 @@
+"""Index files of version 1: patterns and a residual."""

@@ -1,0 +1,113 @@
+"""From an index file of version 2 back to a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arithmetic.fixedpoint import ONE
+from ..blocks.motionmodel import MotionModel
+from ..blocks.nodes import Nodes, marker_nodes, skeleton_nodes
+from ..blocks.offered import Reference
+from ..blocks.runstream import read_run
+from ..clip import Clip, IntArray
+from ..errors import DamagedError, UsageError
+from ..figure.rig import Family, Rig
+from ..streams.envelope import check_room
+from ..streams.quantiser import step_of
+from .motioncodec import clip_of, known_of
+from .motionfile import MotionFile, runs_of
+from .motionhead import Head, read_head
+
+STEP_UNITS = float(1 << 24)
+# A frame of a clip in which nothing moves costs nothing; so many nodes of it count as one
+# channel when a file's claim is held against its bytes.
+ROOM_NODES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """A decoded index file in whole numbers: the same on every machine.
+
+    ``states``: per run (frames, nodes, 4), turns × 2^30 and places in 2^-20 cm.
+    """
+
+    head: Head
+    nodes: Nodes
+    states: tuple[IntArray, ...]
+
+
+def step_units(code: int) -> int:
+    """Return the step of a code in 2^-24 cm."""
+    return max(int(step_of(code) * STEP_UNITS), 1)
+
+
+def _coded_bytes(file: MotionFile) -> int:
+    """Return the bytes of a file's streams, with something on account for a clip at rest."""
+    return sum(map(len, file.cores)) + sum(map(len, file.rests or ())) + 240
+
+
+def nodes_of(rig: Rig, family: Family, head: Head) -> Nodes:
+    """Return the nodes that a head stream names."""
+    if rig.kind == "markers":
+        return marker_nodes(family)
+    return skeleton_nodes(rig, family, frozenset(head.still), head.sliding)
+
+
+def decode_states(
+    file: MotionFile,
+    rig: Rig,
+    family: Family,
+    model: MotionModel,
+    references: Sequence[Reference],
+    *,
+    core_only: bool = False,
+    start: int = 0,
+    stop: int | None = None,
+) -> Decoded:
+    """Return the decoded runs of an index file that the frames ``start`` to ``stop`` touch.
+
+    ``references``: in the order of the head stream. With ``core_only`` the figure follows its
+    root's path and does what is expected of it. Raises `DamagedError`.
+    """
+    head = read_head(file.head, rig, file.frames, model.still, model.sliding)
+    if len(references) != len(head.references):
+        raise UsageError(f"{len(references)} references for {len(head.references)}")
+    nodes = nodes_of(rig, family, head)
+    known = known_of(nodes, rig, family, model, references)
+    check_room(file.frames, 1 + nodes.count // ROOM_NODES, _coded_bytes(file))
+    step, states = step_units(file.step_code), []
+    last = file.frames if stop is None else stop
+    for number, (low, high) in enumerate(runs_of(file.frames)):
+        core = file.cores[number]
+        rest = None if core_only or file.rests is None else file.rests[number]
+        if high <= start or low >= last:
+            untouched = np.zeros((high - low, nodes.count, 4), np.int64)
+            untouched[..., 0] = ONE  # standing in for what nobody asked for
+            states.append(untouched)
+        else:
+            states.append(read_run(known, step, high - low, core, rest))
+    return Decoded(head, nodes, tuple(states))
+
+
+def decode_motion(
+    file: MotionFile,
+    rig: Rig,
+    family: Family,
+    model: MotionModel,
+    references: Sequence[Reference],
+    *,
+    core_only: bool = False,
+    start: int = 0,
+    stop: int | None = None,
+) -> Clip:
+    """Return the clip of an index file; see `decode_states`. Raises `DamagedError`."""
+    decoded = decode_states(
+        file, rig, family, model, references, core_only=core_only, start=start, stop=stop
+    )
+    try:
+        return clip_of(rig, decoded.nodes, decoded.states, decoded.head.seen)
+    except (FloatingPointError, ValueError) as problem:
+        raise DamagedError(f"does not decode to a clip ({problem})") from problem

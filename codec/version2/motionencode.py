@@ -1,0 +1,199 @@
+"""From a clip to an index file of version 2 inside its limits, proved by decoding it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..blocks.motionmodel import MotionModel
+from ..blocks.nodes import Nodes
+from ..blocks.offered import Reference
+from ..blocks.runstream import Known, write_run
+from ..clip import Clip, IntArray, MarkerClip
+from ..errors import GuaranteeError
+from ..figure.rig import Family, Rig
+from ..figure.sliding import check_size
+from ..geometry.limits import TEXT_MARGIN, Limits
+from ..geometry.metrics import Errors, measure
+from ..streams.envelope import float32_above
+from ..streams.quantiser import code_below
+from .motioncodec import CodedRun, clip_of, code_run, known_of
+from .motiondecode import decode_states, step_units
+from .motionfile import MotionFile, pack_motion, runs_of, unpack_motion
+from .motiongoal import Goal, goal_of
+from .motionhead import Head, write_head
+
+THRIFT = 0.13  # weight of bits against squared error in rounding: the slope of fine quantisers
+LARGEST_STEP = 1.1  # of the smallest limit; blocks refine it where they must
+MEAN_STEP = 2.5  # steps over mean errors that mostly end near
+TRIALS = 12
+NO_LIMIT = 1e3  # centimetres: of a clip of no frames
+CLOSE_ENOUGH = 0.985  # of the mean error that is allowed
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedMotion:
+    """An encoded clip: its index file, the certificate in it, and what others may refer to."""
+
+    data: bytes
+    certificate: Errors
+    nodes: Nodes
+    states: tuple[IntArray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionEncoder:
+    """Encodes clips of one rig family with one motion model.
+
+    ``generation``: of the model, 0 for a fixed one.
+    """
+
+    family: Family
+    model: MotionModel
+    generation: int
+
+    def encode(
+        self,
+        clip: Clip,
+        rig: Rig,
+        rig_number: int,
+        limits: Limits,
+        references: Sequence[tuple[int, Reference]] = (),
+    ) -> EncodedMotion:
+        """Return the index file of ``clip``, which is inside its ``limits``.
+
+        ``references``: (clip number, decoded clip), ascending. Raises `GuaranteeError` if no
+        step brings the clip inside, `UnsupportedError` for what cannot be coded.
+        """
+        check_size(clip)
+        margin = min(TEXT_MARGIN, limits.least / 30.0)
+        goal = goal_of(clip, rig, self.family, limits)
+        decoded_from = [reference for _, reference in references]
+        known = known_of(goal.nodes, rig, self.family, self.model, decoded_from)
+        head = Head(
+            tuple(number for number, _ in references),
+            goal.still,
+            goal.sliding,
+            clip.seen if isinstance(clip, MarkerClip) else None,
+        )
+        tightness = 1.0
+        for trial in range(TRIALS):
+            aimed = _tightened(goal, limits, margin, tightness)
+            mean = None if limits.mean is None else limits.mean * min(tightness, 1.0)
+            code, runs = self._search(known, aimed, mean)
+            file = self._file(head, rig, rig_number, clip.frames, code, known, runs)
+            data = pack_motion(file)
+            decoded = decode_states(unpack_motion(data), rig, self.family, self.model, decoded_from)
+            found = clip_of(rig, decoded.nodes, decoded.states, decoded.head.seen)
+            certificate = measure(clip, found)
+            excess = self._excess(clip, found, certificate, limits)
+            if excess <= 1.0:
+                data = pack_motion(replace(file, certificate=certificate))
+                told = unpack_motion(data).certificate
+                return EncodedMotion(data, told, decoded.nodes, decoded.states)
+            # faster and faster: what a hinge loses may show in no step for a while
+            tightness *= (0.98 / excess) ** (1 + trial)
+        raise GuaranteeError(
+            f"no quantiser step brings the clip inside {limits.least:g} cm",
+            advice="Ask for a larger tolerance",
+        )
+
+    def _excess(self, clip: Clip, found: Clip, certificate: Errors, limits: Limits) -> float:
+        """Return how far the decoded clip is outside its limits; 1 and less are inside."""
+        excess = float32_above(certificate.maximum) / limits.least if limits.uniform else 0.0
+        if not limits.uniform:
+            excess = limits.excess(clip, found)
+        if limits.mean is not None:
+            excess = max(excess, certificate.mean / limits.mean)
+        return excess
+
+    def _search(
+        self, known: Known, goal: Goal, mean_limit: float | None
+    ) -> tuple[int, list[CodedRun]]:
+        """Return a step's code and the runs coded at it."""
+        least = float(
+            min(
+                goal.yardstick.joint_limits.min(initial=NO_LIMIT),
+                goal.yardstick.frame_limits.min(initial=NO_LIMIT),
+            )
+        )
+        if mean_limit is None:
+            code = code_below(LARGEST_STEP * least)
+            return code, self._coded(known, goal, code)
+        aim = mean_limit
+        code = code_below(min(MEAN_STEP * aim, LARGEST_STEP * least))
+        best: tuple[int, list[CodedRun]] | None = None
+        for _ in range(TRIALS):
+            runs = self._coded(known, goal, code)
+            mean = _mean_of(runs)
+            if mean <= aim and (best is None or code > best[0]):
+                best = code, runs
+            if mean <= 0.0 or (CLOSE_ENOUGH * aim <= mean <= aim):
+                break
+            factor = min(max(0.995 * aim / mean, 0.25), 4.0)
+            better = code_below(min(factor * _step(code), LARGEST_STEP * least))
+            if better == code or (best is not None and better <= best[0]):
+                break
+            code = better
+        if best is None:
+            raise GuaranteeError(
+                f"no quantiser step brings the mean error inside {aim:g} cm",
+                advice="Ask for a larger tolerance",
+            )
+        return best
+
+    def _coded(self, known: Known, goal: Goal, code: int) -> list[CodedRun]:
+        step = step_units(code)
+        frames = len(goal.path)
+        return [
+            code_run(known, *goal.run(low, high), step, THRIFT, True)
+            for low, high in runs_of(frames)
+        ]
+
+    def _file(
+        self,
+        head: Head,
+        rig: Rig,
+        rig_number: int,
+        frames: int,
+        code: int,
+        known: Known,
+        runs: list[CodedRun],
+    ) -> MotionFile:
+        streams = [
+            write_run(known, step_units(code), run.start, run.motifs, run.walk) for run in runs
+        ]
+        return MotionFile(
+            rig_number,
+            self.generation,
+            frames,
+            code,
+            Errors(0.0, 0.0, 0.0),
+            write_head(head, rig, self.model.still, self.model.sliding),
+            tuple(core for core, _ in streams),
+            tuple(rest for _, rest in streams),
+        )
+
+
+def _mean_of(runs: list[CodedRun]) -> float:
+    """Return the mean error of all runs, centimetres."""
+    if not runs:
+        return 0.0
+    weights = [len(run.walk.state) for run in runs]
+    return float(np.average([run.walk.mean for run in runs], weights=weights))
+
+
+def _step(code: int) -> float:
+    return step_units(code) / float(1 << 24)
+
+
+def _tightened(goal: Goal, limits: Limits, margin: float, tightness: float) -> Goal:
+    """Return the goal with its limits a little narrower."""
+    measure = replace(
+        goal.yardstick,
+        joint_limits=(limits.joints - margin) * tightness,
+        frame_limits=(limits.frames - margin) * tightness,
+    )
+    return replace(goal, yardstick=measure)

@@ -1,0 +1,98 @@
+"""The head stream of an index file: the clip's references and what is coded of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..clip import BoolArray
+from ..errors import DamagedError
+from ..figure.rig import Rig
+from ..figure.sliding import can_slide
+from ..streams.entropy import SymbolReader, SymbolWriter
+from ..streams.gapstream import read_gaps, write_gaps
+
+MOST_REFERENCES = 64
+_RARE = 8  # class of a joint that is not as usual: one in some fifty
+
+
+@dataclass(frozen=True, eq=False)
+class Head:
+    """What the head stream says.
+
+    ``references``: numbers of the clips that this one is predicted from, ascending; ``still``
+    and ``sliding``: joints, see `nodes`; ``seen``: (frames, markers), None for skeletons.
+    """
+
+    references: tuple[int, ...]
+    still: tuple[int, ...]
+    sliding: tuple[int, ...]
+    seen: BoolArray | None
+
+
+def write_head(
+    head: Head, rig: Rig, usual_still: tuple[int, ...], usual_sliding: tuple[int, ...]
+) -> bytes:
+    """Return the stream; ``usual_*``: what the motion model says of most clips."""
+    writer = SymbolWriter()
+    gaps = np.diff(np.array(head.references, np.int64), prepend=-1) - 1
+    writer.number(len(gaps))
+    if len(gaps):
+        bits = int(gaps.max()).bit_length()
+        writer.uniform([bits], 48)
+        writer.uniform(gaps, 1 << bits)
+    if head.seen is not None:
+        write_gaps(writer, head.seen)
+        return writer.to_bytes()
+    joints, candidates = rig.skeleton.joints, can_slide(rig)
+    _write_set(writer, head.still, usual_still, list(range(joints)))
+    _write_set(writer, head.sliding, usual_sliding, candidates)
+    return writer.to_bytes()
+
+
+def read_head(
+    data: bytes,
+    rig: Rig,
+    frames: int,
+    usual_still: tuple[int, ...],
+    usual_sliding: tuple[int, ...],
+) -> Head:
+    """Return what `write_head` was given. Raises `DamagedError`."""
+    reader = SymbolReader(data)
+    references = _read_references(reader)
+    if rig.kind == "markers":
+        return Head(references, (), (), read_gaps(reader, frames, rig.skeleton.joints))
+    joints, candidates = rig.skeleton.joints, can_slide(rig)
+    still = _read_set(reader, usual_still, list(range(joints)))
+    return Head(references, still, _read_set(reader, usual_sliding, candidates), None)
+
+
+def read_references(data: bytes) -> tuple[int, ...]:
+    """Return a head stream's references only. Raises `DamagedError`."""
+    return _read_references(SymbolReader(data))
+
+
+def _read_references(reader: SymbolReader) -> tuple[int, ...]:
+    count = reader.number()
+    if count > MOST_REFERENCES:
+        raise DamagedError(f"claims {count} references")
+    if not count:
+        return ()
+    bits = int(reader.uniform(1, 48)[0])
+    gaps = reader.uniform(count, 1 << bits)
+    return tuple((np.cumsum(gaps + 1) - 1).tolist())
+
+
+def _write_set(
+    writer: SymbolWriter, chosen: tuple[int, ...], usual: tuple[int, ...], among: list[int]
+) -> None:
+    odd = set(chosen) ^ set(usual)
+    flags = np.array([int(joint in odd) for joint in among], np.int64)
+    writer.sized(flags, np.full(len(among), _RARE))
+
+
+def _read_set(reader: SymbolReader, usual: tuple[int, ...], among: list[int]) -> tuple[int, ...]:
+    flags = reader.sized(np.full(len(among), _RARE))
+    odd = {joint for joint, flag in zip(among, flags.tolist(), strict=True) if flag}
+    return tuple(sorted(odd ^ (set(usual) & set(among))))
