@@ -40,12 +40,12 @@ def compiled(function: Function) -> Function:
 @lru_cache(maxsize=1)
 def _cache_folder() -> str | None:
     """Return the folder of the compiled code, or None where nothing can be written."""
-    here = Path(__file__).parent
+    codec = Path(__file__).parents[1]
     sources = hashlib.blake2b(digest_size=8)
-    for path in sorted(here.glob("*.py")):
+    for path in sorted(codec.rglob("*.py")):
         sources.update(path.read_bytes())  # constants of any of them are compiled in
     home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    for base in (here / "__pycache__", Path(home).expanduser() / "motifold"):
+    for base in (codec / "__pycache__", Path(home).expanduser() / "motifold"):
         folder = base / f"compiled-{sources.hexdigest()}"
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,30 @@
+"""Compiled loops are kept by the sources of the whole codec: no change of any of them is missed."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+CODEC = Path(__file__).resolve().parents[1] / "codec"
+ASK = "import sys; sys.path[:0] = [sys.argv[1]]; from codec.arithmetic.compiled import _cache_folder; print(_cache_folder())"
+
+
+def folder_of(root: Path) -> str:
+    done = subprocess.run([sys.executable, "-c", ASK, str(root)], capture_output=True, check=True)
+    return done.stdout.decode().strip()
+
+
+def test_a_change_in_any_room_compiles_anew(tmp_path: Path) -> None:
+    skip = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(CODEC, tmp_path / "codec", ignore=skip)
+    found = {folder_of(tmp_path)}
+    assert folder_of(tmp_path) in found
+    for room in ("arithmetic/fixedpoint.py", "blocks/recall.py", "streams/sizeclasses.py"):
+        with (tmp_path / "codec" / room).open("a") as file:
+            file.write("# changed\n")
+        folder = folder_of(tmp_path)
+        assert folder not in found
+        assert Path(folder).is_dir()
+        found.add(folder)
