@@ -8,7 +8,14 @@ import sys
 from pathlib import Path
 
 CODEC = Path(__file__).resolve().parents[1] / "codec"
-ASK = "import sys; sys.path[:0] = [sys.argv[1]]; from codec.arithmetic.compiled import _cache_folder; print(_cache_folder())"
+ASK = """
+import sys
+
+sys.path[:0] = [sys.argv[1]]
+from codec.arithmetic.compiled import _cache_folder
+
+print(_cache_folder())
+"""
 
 
 def folder_of(root: Path) -> str:
