@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from .version1.index_file import IndexFile, unpack
-from .version2.motionfile import VERSION as MOTION_VERSION
+from .version1.index_file import MAGIC, IndexFile, unpack
 from .version2.motionfile import MotionFile, unpack_motion
 
 
 def unpack_any(data: bytes, *, prefix_only: bool = False) -> IndexFile | MotionFile:
     """Return the parts of an index file, checked. Raises `DamagedError` or `VersionError`."""
-    if len(data) > 3 and data[3] == MOTION_VERSION:
+    if data[2:3] != MAGIC[2:]:
         return unpack_motion(data, prefix_only=prefix_only)
     return unpack(data, prefix_only=prefix_only)
 

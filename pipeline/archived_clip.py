@@ -137,7 +137,11 @@ class ArchivedClip:
         ``start`` and ``stop`` are not decoded. Raises `DamagedError` or `UsageError`.
         """
         index = self.index(prefix_only=tier == "preview")
-        if tier == "preview" and isinstance(index, MotionFile) and not read_references(index.head):
+        if (
+            tier == "preview"
+            and isinstance(index, MotionFile)
+            and not read_references(index.cores[0])
+        ):
             index, tier = self.index(), "tolerance"  # nothing to look like: it shows itself
         try:
             if isinstance(index, MotionFile):

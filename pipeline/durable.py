@@ -10,6 +10,9 @@ from pathlib import Path
 
 from ..codec.errors import ArchiveError
 
+NAME_DIGITS = 12
+"""Hexadecimal digits by which ledgers name files; those of earlier motifolds have 16."""
+
 PARTIAL = ".*.part"
 """Files that a crash left half written have names like this."""
 
@@ -58,6 +61,16 @@ def sync(path: Path) -> None:
 def digest(data: bytes) -> str:
     """Return the 64-bit BLAKE2b digest of ``data`` as 16 hexadecimal digits."""
     return hashlib.blake2b(data, digest_size=8).hexdigest()
+
+
+def name_of(data: bytes) -> str:
+    """Return what a ledger calls ``data``: the first 12 digits of its digest."""
+    return digest(data)[:NAME_DIGITS]
+
+
+def is_named(data: bytes, name: str) -> bool:
+    """Return whether ``name``, of 12 digits or 16, is the beginning of the digest of ``data``."""
+    return len(name) >= NAME_DIGITS and digest(data).startswith(name)
 
 
 def folder_bytes(folder: Path) -> int:

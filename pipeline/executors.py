@@ -24,6 +24,7 @@ Result = TypeVar("Result")
 
 WINDOW = 4  # batches under way per worker
 PATIENCE = 10.0  # seconds without news, after which the cluster is looked at
+RESTART = 6.0  # times as long, on a busy machine, until a worker that died is back
 _SENDINGS = 5  # tries
 # Ctrl-C reaches every process of a terminal; this one stops the others in good order
 _DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -186,7 +187,7 @@ class DaskExecutor:
         if self._client.status != "running":
             raise _gone("the scheduler does not answer")
         try:
-            self._client.wait_for_workers(1, timeout=PATIENCE)
+            self._client.wait_for_workers(1, timeout=RESTART * PATIENCE)
         except OSError as problem:  # a time-out is one
             raise _gone("it has no workers") from problem
 

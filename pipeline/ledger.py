@@ -21,9 +21,10 @@ from .durable import digest, write_whole
 class Row:
     """One archived clip.
 
-    ``index``: digest, and thus name, of its index file; ``source``: digest of its source
-    bytes; ``source_bytes``: their number; ``numbers``: how many of the source's numbers vary
-    (for the float32 baseline).
+    ``index``: name of its index file, the first 12 digits of its digest (all 16 where another
+    file has these, and of earlier motifolds); ``source``: the same of its source bytes;
+    ``source_bytes``: their number; ``numbers``: how many of the source's numbers vary (for the
+    float32 baseline).
     """
 
     name: str

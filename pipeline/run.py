@@ -18,7 +18,7 @@ from ..codec.version1.encode import Encoder
 from .clustering import Representatives, grow
 from .commit import Commit, Job, publish, read_or_start
 from .discover import discover
-from .durable import PARTIAL, digest, folder_bytes, sync, write_whole
+from .durable import NAME_DIGITS, PARTIAL, digest, folder_bytes, name_of, sync, write_whole
 from .executors import Executor, executor, map_batches, one_thread
 from .layout import current_rows, index_path, read_ledgers
 from .ledger import Ledger, Row, ledger_path, write_ledger
@@ -271,21 +271,21 @@ class _Job:
 
     def _keep(self, encoded: EncodedClip, survey: Survey, rig: int) -> None:
         """Write one clip's index file, read it back, and note its row."""
-        name = digest(encoded.data)
+        name = name_of(encoded.data)
         path = index_path(self.folder, name)
+        if path.exists() and path.read_bytes() != encoded.data:  # another file's name begins alike
+            name = digest(encoded.data)
+            path = index_path(self.folder, name)
         if not path.exists():
             write_whole(path, encoded.data)
-        written = path.read_bytes()
-        if written != encoded.data:
-            raise DamagedError(
-                "was not written as it should be", file=path, advice="Check the disk"
-            )
+        if (written := path.read_bytes()) != encoded.data:
+            raise DamagedError("was not written as it should", file=path, advice="Check the disk")
         check_whole(written)
         self.rows.append(
             Row(
                 survey.name,
                 name,
-                survey.source,
+                survey.source[:NAME_DIGITS],
                 survey.source_bytes,
                 survey.frames,
                 rig,

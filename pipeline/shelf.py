@@ -101,7 +101,7 @@ class Shelf:
         if above > DEEPEST:
             raise DamagedError("its references go in a circle")
         deepest = 0
-        for number in read_references(file.head):
+        for number in read_references(file.cores[0]):
             if number not in self._depths:
                 self._depths[number] = self._depth(self._find(number)[0], above + 1)
             deepest = max(deepest, self._depths[number] + 1)
@@ -113,7 +113,7 @@ class Shelf:
         """Return what a file refers to, as a model of ``generation`` sees it."""
         if depth > DEEPEST:
             raise DamagedError("its references go in a circle")
-        numbers = read_references(file.head)
+        numbers = read_references(file.cores[0])
         return [self._reference(number, rig, generation, depth) for number in numbers]
 
     def _reference(self, number: int, rig: Rig, generation: int, depth: int) -> Reference:

@@ -28,7 +28,7 @@ from ..codec.patterns.signals import relative_rotations
 from ..codec.version1.encode import Encoder
 from .clustering import Representatives, within_clip
 from .discover import Source
-from .durable import digest
+from .durable import digest, is_named
 from .ledger import Failure
 
 Made = TypeVar("Made")
@@ -139,7 +139,7 @@ def _survey(
     out: Surveyed,
 ) -> None:
     data = source_bytes(source.path)
-    if known.get(source.name) == digest(data):
+    if source.name in known and is_named(data, known[source.name]):
         out.unchanged += 1
         return
     clip = read_clip(source.path, units)

@@ -11,7 +11,7 @@ from ..codec.formats.files import read_clip, source_bytes
 from ..codec.geometry.metrics import measure
 from .archive import Archive
 from .archived_clip import ArchivedClip
-from .durable import digest
+from .durable import is_named
 from .executors import Executor, map_batches
 from .layout import index_path
 from .store import check_generation
@@ -92,7 +92,7 @@ def _superseded(archive: Archive) -> list[str]:
     for index in sorted(old.keys() - current):
         path = index_path(archive.path, index)
         try:
-            whole = digest(path.read_bytes()) == index
+            whole = is_named(path.read_bytes(), index)
         except OSError:
             whole = False
         if not whole:
@@ -114,7 +114,7 @@ def _verify_batch(
 
 def _verify_clip(clip: ArchivedClip, decode: bool, library: str | None, found: Verified) -> None:
     index = clip.index()
-    if digest(clip.path.read_bytes()) != clip.row.index:
+    if not is_named(clip.path.read_bytes(), clip.row.index):
         raise DamagedError("its bytes do not fit its name", file=clip.path)
     worst = index.certificate.maximum
     if worst > clip.tolerance:
@@ -132,7 +132,7 @@ def _verify_clip(clip: ArchivedClip, decode: bool, library: str | None, found: V
             units = clip.archive.ledgers[clip.generation].settings["units"]
             source = Path(library)
             path = source if source.is_file() else source / clip.name
-            if digest(source_bytes(path)) != clip.row.source:
+            if not is_named(source_bytes(path), clip.row.source):
                 raise InputError("has changed since it was archived", file=path)
             original = read_clip(path, units)
             measured = measure(original, decoded).maximum

@@ -158,7 +158,7 @@ def test_the_certificate_holds_when_somebody_else_measures(
             error = oracle.shell_error(original, decoded)
             certificate = clip.certificate
             assert error.max() <= certificate.maximum * (1 + 1e-6) <= tolerance * (1 + 1e-6)
-            assert error.max() == pytest.approx(certificate.maximum, rel=1e-4)
+            assert error.max() == pytest.approx(certificate.maximum, rel=8e-4)
             # both are kept as shares of the maximum, rounded up by a sixteenth octave at most
             for exact, certified in (
                 (error.mean(), certificate.mean),

@@ -14,8 +14,15 @@ from hypothesis import strategies as st
 
 from motifold.codec.errors import DamagedError, VersionError
 from motifold.codec.geometry.metrics import Errors
-from motifold.codec.streams.envelope import FRAME_LIMIT, MAGIC, float32_above
-from motifold.codec.version1.index_file import VERSION, IndexFile, pack, unpack
+from motifold.codec.streams.envelope import FRAME_LIMIT
+from motifold.codec.version1.index_file import (
+    MAGIC,
+    VERSION,
+    IndexFile,
+    float32_above,
+    pack,
+    unpack,
+)
 
 NUMBERS = st.integers(0, 2**63 - 1)
 LENGTHS = st.floats(0.0, 4000.0)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import binascii
 import struct
 import time
-import zlib
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from motifold.codec.anyfile import check_whole, unpack_any
 from motifold.codec.errors import DamagedError, MotifoldError, VersionError
 from motifold.codec.geometry.metrics import Errors
-from motifold.codec.streams.envelope import MAGIC, varint
+from motifold.codec.streams.envelope import varint
 from motifold.codec.version2.motionfile import (
+    MAGIC,
     RUN_FRAMES,
     VERSION,
     MotionFile,
@@ -26,7 +27,7 @@ from motifold.codec.version2.motionfile import (
     unpack_motion,
 )
 
-FIXED = struct.Struct("<3sBIH")  # magic, version, checksum of header and cores, of the rests
+FIXED = struct.Struct("<2sBHH")  # magic, version, checksum of header and cores, of the rests
 STREAMS = st.binary(max_size=40)
 NOTHING = Errors(0.0, 0.0, 0.0)
 
@@ -51,8 +52,7 @@ def files(draw: st.DrawFn) -> MotionFile:
         frames,
         draw(st.integers(0, 7679)),
         draw(certificates()),
-        draw(STREAMS),
-        tuple(draw(STREAMS) for _ in range(runs)),
+        tuple(draw(STREAMS) for _ in range(max(runs, 1))),
         rests,
     )
 
@@ -61,10 +61,12 @@ def made(seed: int, frames: int) -> MotionFile:
     """A file of some ten bytes a stream."""
     rng = np.random.default_rng(seed)
     runs = len(runs_of(frames))
-    streams = [rng.bytes(int(rng.integers(1, 20))) for _ in range(2 * runs + 1)]
+    cores = max(runs, 1)
+    streams = [rng.bytes(int(rng.integers(1, 20))) for _ in range(cores + runs)]
     certificate = Errors(0.1, 0.02, 0.07)
-    cores, rests = tuple(streams[1 : runs + 1]), tuple(streams[runs + 1 :])
-    return MotionFile(3, 1, frames, 5000, certificate, streams[0], cores, rests)
+    return MotionFile(
+        3, 1, frames, 5000, certificate, tuple(streams[:cores]), tuple(streams[cores:])
+    )
 
 
 def rest_bytes(file: MotionFile) -> int:
@@ -84,7 +86,7 @@ def test_files_come_back(file: MotionFile) -> None:
 @given(files())
 def test_certificates_are_never_understated_and_little_overstated(file: MotionFile) -> None:
     wanted, told = file.certificate, unpack_motion(pack_motion(file)).certificate
-    assert wanted.maximum <= told.maximum <= wanted.maximum * (1 + 2**-23)
+    assert wanted.maximum <= told.maximum <= wanted.maximum * 2.0 ** (1 / 1000)
     for true, read in ((wanted.mean, told.mean), (wanted.percentile_99, told.percentile_99)):
         assert true <= read <= told.maximum
         assert read <= true * 2.0 ** (1 / 16) * (1 + 1e-6)
@@ -97,7 +99,7 @@ def test_errors_far_below_the_largest_are_never_understated(largest: float, shar
     assert largest * share <= told.mean <= 2.1e-5 * largest
 
 
-@pytest.mark.parametrize("largest", [0.25, float(np.float32(0.1)), float(np.float32(3.7))])
+@pytest.mark.parametrize("largest", [0.25, 2.0 ** (-3402 / 1024), 2.0 ** (1932 / 1024)])
 def test_errors_a_hair_above_what_a_code_says_are_not_understated(largest: float) -> None:
     for code in range(1, 255):
         mean = float(np.nextafter(largest * 2.0 ** (-code / 16), np.inf))
@@ -148,7 +150,7 @@ def test_every_changed_byte_is_noticed(frames: int) -> None:
         for change in range(1, 256):
             wrong = bytearray(data)
             wrong[place] ^= change
-            with pytest.raises(VersionError if place == 3 else DamagedError):
+            with pytest.raises(VersionError if place == 2 else DamagedError):
                 unpack_motion(bytes(wrong))
 
 
@@ -175,7 +177,7 @@ def test_damage_of_the_rests_leaves_the_cores() -> None:
 def hostile(fields: list[int], body: bytes) -> bytes:
     """A file whose checksums are right, whatever its header claims."""
     prefix = b"".join(map(varint, fields)) + body
-    return FIXED.pack(MAGIC, VERSION, zlib.crc32(prefix), 0) + prefix  # of no rests: 0
+    return FIXED.pack(MAGIC, VERSION, binascii.crc_hqx(prefix, 0), 0) + prefix  # of no rests: 0
 
 
 HUGE = 10**12
@@ -189,11 +191,12 @@ HUGE = 10**12
         ([0, 0, 2**62, 5], b"\0" * 100),
         ([0, 0, 2**24, 5], b"\0" * 5000),  # a run in three bytes
         ([0, 0, 10 * RUN_FRAMES, 5], b""),  # no room for the lengths
-        ([0, 0, 5, 5, HUGE, 0], b"\0" * 6),
-        ([0, 0, 5, 5, 0, HUGE], b"\0" * 6),
-        ([0, 0, 2000, 5, 0, 0, 0, HUGE], b"\0" * 6),  # a rest
+        ([0, 0, 0, 5, HUGE], b"\0" * 6),
+        ([0, 0, 5, 5, HUGE], b"\0" * 6),
+        ([0, 0, 2000, 5, 0, HUGE, 0], b"\0" * 6),
+        ([0, 0, 2000, 5, 0, 0, HUGE], b"\0" * 4),  # a rest
         ([HUGE] * 4, b""),
-        ([0, 0, 5, 5, 0, 0], b"\0" * 5),  # half a certificate
+        ([0, 0, 5, 5, 0], b"\0" * 3),  # half a certificate
     ],
 )
 @pytest.mark.parametrize("prefix_only", [False, True])
@@ -202,7 +205,7 @@ def test_hostile_headers_are_refused_quickly(
 ) -> None:
     data = hostile(fields, body)
     began = time.perf_counter()
-    if prefix_only and fields[-1] == HUGE and len(fields) == 8:  # a rest that is not asked for
+    if prefix_only and fields[-1] == HUGE and len(fields) == 7:  # a rest that is not asked for
         assert unpack_motion(data, prefix_only=True).frames == 2000
     else:
         with pytest.raises(DamagedError):
@@ -220,10 +223,10 @@ def test_any_bytes_after_a_right_checksum_are_a_file_or_damage(
         read = unpack_motion(data, prefix_only=prefix_only)
     except MotifoldError:
         return
-    assert sum(map(len, (read.head, *read.cores, *(read.rests or ())))) <= len(data)
+    assert sum(map(len, (*read.cores, *(read.rests or ())))) <= len(data)
 
 
-@pytest.mark.parametrize("data", [b"", b"MFI", b"MFI\2", b"BVH\2" + b"\0" * 40])
+@pytest.mark.parametrize("data", [b"", b"MF", b"MF\2", b"BV\2" + b"\0" * 40])
 def test_what_is_no_index_file_is_damage(data: bytes) -> None:
     with pytest.raises(DamagedError):
         unpack_motion(data)
@@ -232,6 +235,6 @@ def test_what_is_no_index_file_is_damage(data: bytes) -> None:
 @pytest.mark.parametrize("version", [0, 1, 3, 255])
 def test_other_versions_are_told(version: int) -> None:
     data = bytearray(pack_motion(made(1, 5)))
-    data[3] = version
+    data[2] = version
     with pytest.raises(VersionError, match=f"version {version}"):
         unpack_motion(bytes(data))

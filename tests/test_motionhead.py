@@ -1,4 +1,4 @@
-"""The head stream: references, joints that are still or slide, and gaps come back."""
+"""The head of an index file: references, joints that are still or slide, and gaps come back."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from motifold.codec.clip import BoolArray
 from motifold.codec.errors import DamagedError
 from motifold.codec.figure.rig import Rig, rig_of
-from motifold.codec.streams.entropy import SymbolWriter
+from motifold.codec.streams.entropy import SymbolReader, SymbolWriter
 from motifold.codec.version2.motionhead import (
     MOST_REFERENCES,
     Head,
@@ -51,6 +51,18 @@ def parts_of(head: Head) -> tuple[tuple[int, ...], ...]:
     return head.references, head.still, head.sliding
 
 
+def written(head: Head, rig: Rig, still: tuple[int, ...], sliding: tuple[int, ...]) -> bytes:
+    writer = SymbolWriter()
+    write_head(writer, head, rig, still, sliding)
+    return writer.to_bytes()
+
+
+def read(
+    data: bytes, rig: Rig, frames: int, still: tuple[int, ...], sliding: tuple[int, ...]
+) -> Head:
+    return read_head(SymbolReader(data), rig, frames, still, sliding)
+
+
 def subsets(joints: list[int]) -> st.SearchStrategy[tuple[int, ...]]:
     if not joints:
         return st.just(())
@@ -67,8 +79,8 @@ def test_heads_of_skeletons_come_back(
     usual_still, usual_sliding = data.draw(every), data.draw(every)
     sliding = data.draw(subsets(movable(rig)))
     head = Head(references, data.draw(every), sliding, None)
-    coded = write_head(head, rig, usual_still, usual_sliding)
-    assert parts_of(read_head(coded, rig, 100, usual_still, usual_sliding)) == parts_of(head)
+    coded = written(head, rig, usual_still, usual_sliding)
+    assert parts_of(read(coded, rig, 100, usual_still, usual_sliding)) == parts_of(head)
     assert read_references(coded) == references
 
 
@@ -83,8 +95,8 @@ def test_heads_of_markers_come_back(
     seed: int, markers: int, frames: int, gaps: float, references: tuple[int, ...]
 ) -> None:
     clip = marker_clip(seed, markers, frames, gaps)
-    coded = write_head(Head(references, (), (), clip.seen), marker_rig(markers), (), ())
-    head = read_head(coded, marker_rig(markers), frames, (), ())
+    coded = written(Head(references, (), (), clip.seen), marker_rig(markers), (), ())
+    head = read(coded, marker_rig(markers), frames, (), ())
     assert head.references == references == read_references(coded)
     assert head.seen is not None
     assert np.array_equal(head.seen, clip.seen)
@@ -95,8 +107,8 @@ def test_masks_of_noise_come_back() -> None:
     rng = np.random.default_rng(0)
     for share in (0.0, 0.01, 0.5, 0.99, 1.0):
         seen: BoolArray = rng.random((200, 7)) < share
-        coded = write_head(Head((), (), (), seen), marker_rig(7), (), ())
-        found = read_head(coded, marker_rig(7), 200, (), ()).seen
+        coded = written(Head((), (), (), seen), marker_rig(7), (), ())
+        found = read(coded, marker_rig(7), 200, (), ()).seen
         assert found is not None
         assert np.array_equal(found, seen)
 
@@ -104,18 +116,18 @@ def test_masks_of_noise_come_back() -> None:
 def test_what_is_as_usual_costs_next_to_nothing() -> None:
     rig = skeleton_rig(0)
     usual, sliding = tuple(range(2, JOINTS)), tuple(movable(rig))
-    coded = write_head(Head((), usual, sliding, None), rig, usual, sliding)
-    other = write_head(Head((), (), (), None), rig, usual, sliding)
+    coded = written(Head((), usual, sliding, None), rig, usual, sliding)
+    other = written(Head((), (), (), None), rig, usual, sliding)
     assert len(coded) <= 4 < len(other)
 
 
 def test_gaps_may_not_outlast_the_clip() -> None:
     seen = np.ones((50, 2), bool)
     seen[40:45] = False
-    coded = write_head(Head((), (), (), seen), marker_rig(2), (), ())
+    coded = written(Head((), (), (), seen), marker_rig(2), (), ())
     for frames in (45, 30, 1, 0):
         with pytest.raises(DamagedError):
-            read_head(coded, marker_rig(2), frames, (), ())
+            read(coded, marker_rig(2), frames, (), ())
 
 
 @pytest.mark.parametrize("count", [MOST_REFERENCES + 1, 10**9, 2**48 - 2])
@@ -136,11 +148,11 @@ def test_any_bytes_are_a_head_or_damage(data: bytes, frames: int) -> None:
         assert len(references) <= MOST_REFERENCES
     rig = skeleton_rig(1)
     with contextlib.suppress(DamagedError):
-        head = read_head(data, rig, frames, (1, 2), (0,))
+        head = read(data, rig, frames, (1, 2), (0,))
         assert set(head.still) <= set(range(JOINTS))
         assert set(head.sliding) <= set(movable(rig))
     with contextlib.suppress(DamagedError):
-        seen = read_head(data, marker_rig(5), frames, (), ()).seen
+        seen = read(data, marker_rig(5), frames, (), ()).seen
         assert seen is not None
         assert seen.shape == (frames, 5)
 
@@ -149,5 +161,5 @@ def test_a_rig_without_channels_may_move_any_joint() -> None:
     rig = skeleton_rig(0)
     free = replace(rig, layout=replace(rig.layout, channels=()))
     head = Head((4,), (1,), tuple(range(JOINTS)), None)
-    found = read_head(write_head(head, free, (), ()), free, 9, (), ())
+    found = read(written(head, free, (), ()), free, 9, (), ())
     assert parts_of(found) == parts_of(head)

@@ -48,7 +48,7 @@ def test_a_whole_archive_has_no_problems(small_archive: Path, small_library: Pat
         assert found.problems == []
         assert found.orphans == 0
         assert 0.05 < found.max_error <= 0.1
-    assert measured.max_error == pytest.approx(quick.max_error, rel=1e-5)
+    assert measured.max_error == pytest.approx(quick.max_error, rel=7e-4)  # its code
 
 
 def test_workers_find_the_same(

@@ -14,9 +14,10 @@ from ..clip import FloatArray, IntArray
 from ..geometry.quaternions import multiply
 from ..streams.entropy import SymbolReader, SymbolWriter
 from .nodes import GUIDE, KIND, PLACE, ROW, Nodes
-from .startpose import POSE_STRIDE, nearest_pose
+from .startpose import POSE_STRIDE, pose_distances
 
 MOTIF_FRAMES = 2 * POSE_STRIDE  # a clip that goes on like its reference goes on by two poses
+LOYALTY = 3.0  # a motif goes on from the last if its squared distance is not larger by this
 
 
 def motif_frames(frames: int) -> list[int]:
@@ -24,18 +25,30 @@ def motif_frames(frames: int) -> list[int]:
     return sorted({*range(0, frames, MOTIF_FRAMES), frames - 1}) if frames else []
 
 
-def choose_motifs(goal: IntArray, nodes: Nodes, poses: IntArray) -> IntArray:
-    """Return the number of the nearest pose at every motif frame of a run.
+def choose_motifs(goal: IntArray, nodes: Nodes, poses: IntArray, first: int) -> IntArray:
+    """Return the number of a pose that is like the clip at every motif frame of a run.
 
-    ``goal``: (frames, nodes, 4); ``poses``: (poses, rows, 4), as for `nearest_pose`.
+    The nearest one, or the one that goes on from the last, where that is nearly as near.
+    ``goal``: (frames, nodes, 4); ``poses``: (poses, rows, 4), as for `pose_distances`;
+    ``first``: the pose that the first frame is coded against.
     """
-    found = [nearest_pose(goal[frame], nodes, poses) for frame in motif_frames(len(goal))]
+    found, follower = [], first
+    for frame in motif_frames(len(goal)):
+        away = pose_distances(goal[frame], nodes, poses)
+        nearest = int(away.argmin())
+        if 0 < follower < len(poses) and away[follower] <= LOYALTY * away[nearest]:
+            nearest = follower
+        found.append(nearest)
+        follower = nearest + 2
     return np.array(found, np.int64)
 
 
-def write_motifs(writer: SymbolWriter, motifs: IntArray, poses: int) -> None:
-    """Write pose numbers; one that goes on from the last is a single bit."""
-    before = -2
+def write_motifs(writer: SymbolWriter, motifs: IntArray, poses: int, first: int) -> None:
+    """Write pose numbers; one that goes on from the last is a single bit.
+
+    ``first``: the pose that the first frame is coded against.
+    """
+    before = first - 2
     for motif in motifs.tolist() if poses > 2 else ():
         writer.uniform([int(motif == before + 2)], 2)
         if motif != before + 2:
@@ -43,12 +56,12 @@ def write_motifs(writer: SymbolWriter, motifs: IntArray, poses: int) -> None:
         before = motif
 
 
-def read_motifs(reader: SymbolReader, frames: int, poses: int) -> IntArray:
+def read_motifs(reader: SymbolReader, frames: int, poses: int, first: int) -> IntArray:
     """Return what `write_motifs` was given for a run of ``frames``. Raises `DamagedError`."""
     count = len(motif_frames(frames))
     if poses <= 2:
         return np.full(count, poses - 1, np.int64)
-    out, before = [], -2
+    out, before = [], first - 2
     for _ in range(count):
         follows = bool(reader.uniform(1, 2)[0]) and before + 2 < poses
         before = before + 2 if follows else int(reader.uniform(1, poses)[0])

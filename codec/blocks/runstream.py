@@ -56,16 +56,15 @@ def core_nodes(nodes: Nodes) -> list[int]:
 
 
 def write_run(
-    known: Known, step: int, start: Start, motifs: IntArray, walk: Walk
-) -> tuple[bytes, bytes]:
-    """Return the core and the rest of a run; ``motifs``: see `motifs`."""
-    nodes = known.nodes
-    core, rest = SymbolWriter(), SymbolWriter()
+    known: Known, step: int, start: Start, motifs: IntArray, walk: Walk, core: SymbolWriter
+) -> bytes:
+    """Write the core of a run to ``core``, and return its rest; ``motifs``: see `motifs`."""
+    nodes, rest = known.nodes, SymbolWriter()
     core.uniform([start.pose], len(known.poses))
     core.number(start.fine)
     classes = start_classes(nodes, known.model, start.pose, step, start.fine)
     core.sized(start.quantised.ravel(), classes.ravel())
-    write_motifs(core, motifs, len(known.poses))
+    write_motifs(core, motifs, len(known.poses), start.pose)
     in_core = core_nodes(nodes)
     others = [
         node
@@ -81,42 +80,43 @@ def write_run(
             before = fine
         core.sized(walk.quantised[block, in_core].ravel(), walk.classes[block, in_core].ravel())
     rest.sized(walk.quantised[:, others].ravel(), walk.classes[:, others].ravel())
-    return core.to_bytes(), rest.to_bytes()
+    return rest.to_bytes()
 
 
-def read_run(known: Known, step: int, frames: int, core: bytes, rest: bytes | None) -> IntArray:
-    """Return the decoded state (frames, nodes, 4) of a run.
+def read_run(
+    known: Known, step: int, frames: int, core: SymbolReader, rest: bytes | None
+) -> IntArray:
+    """Return the decoded state (frames, nodes, 4) of a run, its core read from ``core``.
 
     Without ``rest`` only the core is read: the figure's exact path, and its motifs for the
     rest of the body. Raises `DamagedError`.
     """
     nodes, model = known.nodes, known.model
-    reader = SymbolReader(core)
     other = None if rest is None else SymbolReader(rest)
-    number = int(reader.uniform(1, len(known.poses))[0])
-    fine = reader.number()
+    number = int(core.uniform(1, len(known.poses))[0])
+    fine = core.number()
     if fine > MOST_FINE:
         raise DamagedError(f"claims a first pose refined {fine} times")
     classes = start_classes(nodes, model, number, step, fine)
-    differences = reader.sized(classes.ravel()).reshape(-1, 3)
+    differences = core.sized(classes.ravel()).reshape(-1, 3)
     blocks = -(-(frames - 1) // model.span)
     state = np.zeros((1 + blocks * model.span, nodes.count, 4), np.int64)
     begin(state, nodes, known.poses, Start(number, fine, differences), step)
-    motifs = read_motifs(reader, frames, len(known.poses))
-    refined = bool(reader.uniform(1, 2)[0])
+    motifs = read_motifs(core, frames, len(known.poses), number)
+    refined = bool(core.uniform(1, 2)[0])
     walker = _Walker(known, state, step, frames)
     in_core = core_nodes(nodes)
     groups = _groups(nodes, in_core)
     fine = 0
     for block in range(blocks):
         if refined:
-            fine += int(reader.sized(np.array([_REFINEMENT_CLASS]))[0])
+            fine += int(core.sized(np.array([_REFINEMENT_CLASS]))[0])
             if not 0 <= fine <= MOST_FINE:
                 raise DamagedError(f"claims a block refined {fine} times")
         for group in groups:
             if other is None and group[0] not in in_core:
                 continue
-            source = reader if group[0] in in_core else other
+            source = core if group[0] in in_core else other
             coded = nodes.table[group[0], KIND] != FOLLOWER
             if coded:
                 walker.expect(group, block, fine)

@@ -215,21 +215,25 @@ def _choose_start(
 
 
 def nearest_pose(goal: IntArray, nodes: Nodes, poses: IntArray) -> int:
-    """Return the number of the pose that ``goal`` (nodes, 4) is most like, its heading aside.
+    """Return the number of the pose that ``goal`` (nodes, 4) is most like."""
+    return int(pose_distances(goal, nodes, poses).argmin())
 
-    ``poses``: (poses, rows, 4); the first, the usual one, is taken only if there is no other.
+
+def pose_distances(goal: IntArray, nodes: Nodes, poses: IntArray) -> FloatArray:
+    """Return how far each pose (poses, rows, 4) is from ``goal`` (nodes, 4), its heading aside.
+
+    Infinite for the first, the usual one, if there are others; squared angles times levers.
     """
-    if len(poses) == 1:
-        return 0
+    first = np.full(1, 0.0 if len(poses) == 1 else np.inf)
     table = nodes.table
     turns = np.flatnonzero((table[:, KIND] != PLACE) & (table[:, GUIDE] >= 0))
     if not len(turns):
-        return 1
+        return np.concatenate([first, np.zeros(len(poses) - 1)])
     own = _relative(goal[None, turns], goal[None, table[turns, GUIDE]])
     rows, guides = table[turns, ROW], table[table[turns, GUIDE], ROW]
     theirs = _relative(poses[1:, rows], poses[1:, guides])
     off = 1.0 - np.abs((own * theirs).sum(axis=2))
-    return 1 + int((off * np.square(table[turns, LEVER])).sum(axis=1).argmin())
+    return np.concatenate([first, (off * np.square(table[turns, LEVER])).sum(axis=1)])
 
 
 def _relative(own: IntArray, above: IntArray) -> FloatArray:

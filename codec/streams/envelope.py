@@ -2,22 +2,10 @@
 
 from __future__ import annotations
 
-import struct
-
 from ..errors import DamagedError
 
-MAGIC = b"MFI"
 FRAME_LIMIT = 1 << 28
 LEAST_BITS = 0.02
-
-
-def float32_above(value: float) -> float:
-    """Return the least float32 that is not below ``value``."""
-    near = struct.unpack("<f", struct.pack("<f", value))[0]
-    if near >= value:
-        return float(near)
-    bits = struct.unpack("<I", struct.pack("<f", near))[0]
-    return float(struct.unpack("<f", struct.pack("<I", bits + 1))[0])
 
 
 def varint(value: int) -> bytes:

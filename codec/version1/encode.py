@@ -19,10 +19,9 @@ from ..geometry.metrics import (
 from ..patterns.nearest import NearestPatterns
 from ..patterns.patterns import Codebook
 from ..patterns.segments import SegmentRules, Segments, clip_segments, most_frames
-from ..streams.envelope import float32_above
 from ..streams.quantiser import CODES, code_below, step_of
 from .decode import decode, pattern_course
-from .index_file import IndexFile, pack, unpack
+from .index_file import IndexFile, float32_above, pack, unpack
 from .layers import (
     ORDERS,
     PartIndex,

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 from ..errors import DamagedError, VersionError
 from ..geometry.metrics import Errors
-from ..streams.envelope import FRAME_LIMIT, MAGIC, float32_above, read_varint, varint
+from ..streams.envelope import FRAME_LIMIT, read_varint, varint
 
+MAGIC = b"MFI"
 VERSION = 1
 _FIXED = struct.Struct("<3sBII")
 _CERTIFICATE = struct.Struct("<fHH")
@@ -92,6 +93,15 @@ def unpack(data: bytes, *, prefix_only: bool = False) -> IndexFile:
     certificate = Errors(maximum, _from_log_code(mean), _from_log_code(percentile))
     preview = data[at + _CERTIFICATE.size : end]
     return IndexFile(rig, generation, frames, step_code, certificate, preview, residual)
+
+
+def float32_above(value: float) -> float:
+    """Return the least float32 that is not below ``value``."""
+    near = struct.unpack("<f", struct.pack("<f", value))[0]
+    if near >= value:
+        return float(near)
+    bits = struct.unpack("<I", struct.pack("<f", near))[0]
+    return float(struct.unpack("<f", struct.pack("<I", bits + 1))[0])
 
 
 def _log_code(value: float) -> int:

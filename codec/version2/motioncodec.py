@@ -64,7 +64,7 @@ def code_run(
             break
         fine += 1
     done = walk(goal, first, nodes, known.model, known.memory, yardstick, step, thrift, refine)
-    motifs = choose_motifs(goal, nodes, known.poses)
+    motifs = choose_motifs(goal, nodes, known.poses, pose)
     return CodedRun(Start(pose, fine, quantised), motifs, done)
 
 

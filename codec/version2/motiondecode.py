@@ -15,6 +15,7 @@ from ..blocks.runstream import read_run
 from ..clip import Clip, IntArray
 from ..errors import DamagedError, UsageError
 from ..figure.rig import Family, Rig
+from ..streams.entropy import SymbolReader
 from ..streams.envelope import check_room
 from ..streams.quantiser import step_of
 from .motioncodec import clip_of, known_of
@@ -50,7 +51,7 @@ def _coded_bytes(file: MotionFile) -> int:
 
 
 def nodes_of(rig: Rig, family: Family, head: Head) -> Nodes:
-    """Return the nodes that a head stream names."""
+    """Return the nodes that a head names."""
     if rig.kind == "markers":
         return marker_nodes(family)
     return skeleton_nodes(rig, family, frozenset(head.still), head.sliding)
@@ -69,10 +70,11 @@ def decode_states(
 ) -> Decoded:
     """Return the decoded runs of an index file that the frames ``start`` to ``stop`` touch.
 
-    ``references``: in the order of the head stream. With ``core_only`` the figure follows its
+    ``references``: in the order of the head. With ``core_only`` the figure follows its
     root's path and does what is expected of it. Raises `DamagedError`.
     """
-    head = read_head(file.head, rig, file.frames, model.still, model.sliding)
+    first = SymbolReader(file.cores[0])
+    head = read_head(first, rig, file.frames, model.still, model.sliding)
     if len(references) != len(head.references):
         raise UsageError(f"{len(references)} references for {len(head.references)}")
     nodes = nodes_of(rig, family, head)
@@ -81,7 +83,7 @@ def decode_states(
     step, states = step_units(file.step_code), []
     last = file.frames if stop is None else stop
     for number, (low, high) in enumerate(runs_of(file.frames)):
-        core = file.cores[number]
+        core = first if number == 0 else SymbolReader(file.cores[number])
         rest = None if core_only or file.rests is None else file.rests[number]
         if high <= start or low >= last:
             untouched = np.zeros((high - low, nodes.count, 4), np.int64)

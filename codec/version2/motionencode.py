@@ -17,11 +17,11 @@ from ..figure.rig import Family, Rig
 from ..figure.sliding import check_size
 from ..geometry.limits import TEXT_MARGIN, Limits
 from ..geometry.metrics import Errors, measure
-from ..streams.envelope import float32_above
+from ..streams.entropy import SymbolWriter
 from ..streams.quantiser import code_below
 from .motioncodec import CodedRun, clip_of, code_run, known_of
 from .motiondecode import decode_states, step_units
-from .motionfile import MotionFile, pack_motion, runs_of, unpack_motion
+from .motionfile import MotionFile, pack_motion, runs_of, told, unpack_motion
 from .motiongoal import Goal, goal_of
 from .motionhead import Head, write_head
 
@@ -102,7 +102,7 @@ class MotionEncoder:
 
     def _excess(self, clip: Clip, found: Clip, certificate: Errors, limits: Limits) -> float:
         """Return how far the decoded clip is outside its limits; 1 and less are inside."""
-        excess = float32_above(certificate.maximum) / limits.least if limits.uniform else 0.0
+        excess = told(certificate.maximum) / limits.least if limits.uniform else 0.0
         if not limits.uniform:
             excess = limits.excess(clip, found)
         if limits.mean is not None:
@@ -162,8 +162,11 @@ class MotionEncoder:
         known: Known,
         runs: list[CodedRun],
     ) -> MotionFile:
-        streams = [
-            write_run(known, step_units(code), run.start, run.motifs, run.walk) for run in runs
+        cores = [SymbolWriter() for _ in runs] or [SymbolWriter()]
+        write_head(cores[0], head, rig, self.model.still, self.model.sliding)
+        rests = [
+            write_run(known, step_units(code), run.start, run.motifs, run.walk, core)
+            for run, core in zip(runs, cores, strict=False)
         ]
         return MotionFile(
             rig_number,
@@ -171,9 +174,8 @@ class MotionEncoder:
             frames,
             code,
             Errors(0.0, 0.0, 0.0),
-            write_head(head, rig, self.model.still, self.model.sliding),
-            tuple(core for core, _ in streams),
-            tuple(rest for _, rest in streams),
+            tuple(core.to_bytes() for core in cores),
+            tuple(rests),
         )
 
 

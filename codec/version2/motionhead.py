@@ -1,4 +1,7 @@
-"""The head stream of an index file: the clip's references and what is coded of it."""
+"""The head of an index file, with which its first core begins.
+
+It names the clip's references, and what is coded of it.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _RARE = 8  # class of a joint that is not as usual: one in some fifty
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """What the head stream says.
+    """What the head says.
 
     ``references``: numbers of the clips that this one is predicted from, ascending; ``still``
     and ``sliding``: joints, see `nodes`; ``seen``: (frames, markers), None for skeletons.
@@ -32,10 +35,13 @@ class Head:
 
 
 def write_head(
-    head: Head, rig: Rig, usual_still: tuple[int, ...], usual_sliding: tuple[int, ...]
-) -> bytes:
-    """Return the stream; ``usual_*``: what the motion model says of most clips."""
-    writer = SymbolWriter()
+    writer: SymbolWriter,
+    head: Head,
+    rig: Rig,
+    usual_still: tuple[int, ...],
+    usual_sliding: tuple[int, ...],
+) -> None:
+    """Write the head; ``usual_*``: what the motion model says of most clips."""
     gaps = np.diff(np.array(head.references, np.int64), prepend=-1) - 1
     writer.number(len(gaps))
     if len(gaps):
@@ -44,22 +50,20 @@ def write_head(
         writer.uniform(gaps, 1 << bits)
     if head.seen is not None:
         write_gaps(writer, head.seen)
-        return writer.to_bytes()
+        return
     joints, candidates = rig.skeleton.joints, can_slide(rig)
     _write_set(writer, head.still, usual_still, list(range(joints)))
     _write_set(writer, head.sliding, usual_sliding, candidates)
-    return writer.to_bytes()
 
 
 def read_head(
-    data: bytes,
+    reader: SymbolReader,
     rig: Rig,
     frames: int,
     usual_still: tuple[int, ...],
     usual_sliding: tuple[int, ...],
 ) -> Head:
     """Return what `write_head` was given. Raises `DamagedError`."""
-    reader = SymbolReader(data)
     references = _read_references(reader)
     if rig.kind == "markers":
         return Head(references, (), (), read_gaps(reader, frames, rig.skeleton.joints))
@@ -68,9 +72,9 @@ def read_head(
     return Head(references, still, _read_set(reader, usual_sliding, candidates), None)
 
 
-def read_references(data: bytes) -> tuple[int, ...]:
-    """Return a head stream's references only. Raises `DamagedError`."""
-    return _read_references(SymbolReader(data))
+def read_references(core: bytes) -> tuple[int, ...]:
+    """Return the references that a clip's first core names. Raises `DamagedError`."""
+    return _read_references(SymbolReader(core))
 
 
 def _read_references(reader: SymbolReader) -> tuple[int, ...]:
