@@ -98,6 +98,12 @@ class ArchivedClip:
         return float(self.archive.ledgers[self.generation].settings["tolerance"])
 
     @property
+    def largest(self) -> float:
+        """The largest error, centimetres, that was allowed to any of its joints."""
+        bounds = self.archive.ledgers[self.generation].settings.get("joint_tolerances", ())
+        return max(self.tolerance, *(float(tolerance) for _, tolerance in bounds), 0.0)
+
+    @property
     def mean_tolerance(self) -> float | None:
         """The mean error, centimetres, that was allowed when it was archived, or None."""
         mean = self.archive.ledgers[self.generation].settings.get("mean_tolerance")

@@ -117,8 +117,8 @@ def _verify_clip(clip: ArchivedClip, decode: bool, library: str | None, found: V
     if not is_named(clip.path.read_bytes(), clip.row.index):
         raise DamagedError("its bytes do not fit its name", file=clip.path)
     worst = index.certificate.maximum
-    if worst > clip.tolerance:
-        raise DamagedError(f"certifies {worst:g} cm, outside {clip.tolerance:g} cm", file=clip.path)
+    if worst > clip.largest:
+        raise DamagedError(f"certifies {worst:g} cm, outside {clip.largest:g} cm", file=clip.path)
     mean = clip.mean_tolerance
     if mean is not None and index.certificate.mean > ROUNDED_UP * mean:
         raise DamagedError(

@@ -204,7 +204,39 @@ def test_joints_and_spans_keep_bounds_of_their_own() -> None:
     assert errors[30:46].max() <= 0.05
     plain, _ = coded(subject, uniform_limits(subject.clip, 1.0))
     tight, _ = coded(subject, uniform_limits(subject.clip, 0.02))
-    assert len(plain.data) < len(made.data) < 1.3 * len(tight.data)
+    assert len(plain.data) < len(made.data) < len(tight.data)
+
+
+@given(recipes(20), st.integers(0, 19), st.sampled_from([0.02, 0.2, 5.0, 50.0]))
+@settings(max_examples=30, deadline=None)
+def test_a_joint_keeps_its_own_bound_and_the_others_theirs(
+    recipe: Recipe, joint: int, own: float
+) -> None:
+    subject = skeleton_bench(recipe)
+    name = f"joint{joint % recipe.joints}"
+    _, decoded = coded(subject, limits_of(subject.clip, Bounds(1.0, None, ((name, own),))))
+    allowed = np.ones(recipe.joints + len(subject.rig.skeleton.end_parents))
+    owners = [*subject.rig.skeleton.names]
+    owners += [owners[carrier] for carrier in subject.rig.skeleton.end_parents]
+    allowed[[owner == name for owner in owners]] = own
+    assert (oracle.clip_error(subject.clip, decoded) <= allowed + ROUNDING).all()
+
+
+def test_close_bounds_cost_what_they_are_for() -> None:
+    """One arm of eight, or a tenth of the time, is not the price of the whole clip."""
+    subject = skeleton_bench(Recipe(3, joints=9, frames=300, tree="star"))
+    sizes = [
+        len(coded(subject, limits_of(subject.clip, bounds))[0].data)
+        for bounds in (
+            Bounds(1.0),
+            Bounds(1.0, None, (("joint4", 0.05),)),
+            Bounds(1.0, None, (), ((1.0, 2.0, 0.05),)),
+            Bounds(0.05),
+        )
+    ]
+    plain, joint, span, tight = sizes
+    assert plain < joint < plain + 0.5 * (tight - plain)
+    assert plain < span < plain + 0.25 * (tight - plain)
 
 
 def reference_to(made: EncodedMotion, model: MotionModel) -> Reference:

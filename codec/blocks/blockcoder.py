@@ -19,7 +19,7 @@ from ..clip import FloatArray, IntArray
 from ..streams.sizeclasses import class_of
 from .blockcontext import LEVER_BITS, back, describe, key_of, pose, turn_at
 from .motionmodel import GROUPS, SIGNS
-from .nodes import AXES, CARRIER, GUIDE, HINGE, KIND, LEVER, PLACE, ROW, SCALE
+from .nodes import AXES, CARRIER, FINE, GUIDE, HINGE, KIND, LEVER, PLACE, ROW, SCALE
 from .recall import FollowArray, KeyArray, predict, recall
 
 FINENESS = 64  # of a refinement, × 1/256 octave: a quarter octave
@@ -78,9 +78,10 @@ def expect(
     """Write a node's prediction (channels,), the class of each coefficient, and its signs.
 
     ``activity``: (3, nodes) of this block, the last one and the one before, as by
-    `activity_of`; ``step``: unrefined, 2^-24 cm.
+    `activity_of`; ``step``: unrefined, 2^-24 cm; ``fine``: of the block.
     """
     row = table[node, ROW]
+    fine += table[node, FINE]
     channels = len(prediction)
     features = np.empty(weights.shape[1], np.int64)
     describe(state, table, node, start, span, lags, up, signals, features)
@@ -141,6 +142,7 @@ def settle(
     """Write a node's decoded signals and frames from its quantised coefficients."""
     row = table[node, ROW]
     channels = len(prediction)
+    fine += table[node, FINE]
     size = fine_step(step, fine)
     for c in range(channels):
         total = 0

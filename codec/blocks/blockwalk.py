@@ -18,7 +18,7 @@ from .aiming import aim
 from .blockcoder import MOST_FINE, choose, expect, fine_step, settle, wanted
 from .blockcontext import pose
 from .motionmodel import SIGNS, MotionModel
-from .nodes import FOLLOWER, KIND, Nodes
+from .nodes import FINE, FOLLOWER, KIND, ROW, Nodes
 from .recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
 from .yardstick import Yardstick, errors_at
 
@@ -176,9 +176,10 @@ def _walk(
                 wanted(state, aims, table, node, start, goals)
                 for c in range(channels):
                     goals[c] -= prediction[c]
+                size = fine_step(step, fine + table[node, FINE])
                 choose(
-                    goals, basis[table[node, 1]], fine_step(step, fine), classes[block, node],
-                    ones, more, thrift / (1.0 + fine), quantised[block, node],
+                    goals, basis[table[node, ROW]], size, classes[block, node], ones, more,
+                    thrift / (1.0 + fine), quantised[block, node],
                 )  # fmt: skip
                 for c in range(channels):
                     kind = classes[block, node, c]

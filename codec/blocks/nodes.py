@@ -9,7 +9,7 @@ the nodes of a level are coded together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..figure.rig import LEVER_SCALE, Family, Rig
 TURN, PLACE, FOLLOWER, HINGE = 0, 1, 2, 3
 
 # Columns of the table that the compiled loops read.
-KIND, ROW, GUIDE, CARRIER, AXES, LEVER, JOINT, SCALE = range(8)
+KIND, ROW, GUIDE, CARRIER, AXES, LEVER, JOINT, FINE, SCALE = range(9)
 COLUMNS = SCALE + SCALE_COLUMNS
 _UNSCALED = [0] * SCALE_COLUMNS
 
@@ -30,13 +30,15 @@ _UNSCALED = [0] * SCALE_COLUMNS
 class Nodes:
     """The nodes of one clip in coding order.
 
-    ``table``: (nodes, 19) whole numbers: ``KIND``; ``ROW``, which of the model's rows serves it
+    ``table``: (nodes, 21) whole numbers: ``KIND``; ``ROW``, which of the model's rows serves it
     (the joint's number for turns, joints + the joint's number for places); ``GUIDE``, the node
     whose motion it follows (-1: none); ``CARRIER``, the node of the root's path (-1: none, or
     the node is a place; of the first turn, which comes before it, only the path's past is
     seen); ``AXES``, the turn whose last decoded axes a place is measured in (-1: those of the
     world, or of the parent joint); ``LEVER``, in 1/16 cm per radian, or 1/16 for places;
-    ``JOINT``; from ``SCALE`` on, of all but places, what `scaling` makes signals with.
+    ``JOINT``; ``FINE``, the quarter octaves by which its steps are finer than others', because
+    less is allowed to it or to what hangs on it; from ``SCALE`` on, of all but places, what
+    `scaling` makes signals with.
     ``levels``: (levels + 1,) borders between them. ``top``, ``path``: the nodes of the first
     turn and of the root's path, or -1; of markers, the path is the root part's reference marker.
     """
@@ -50,6 +52,12 @@ class Nodes:
     def count(self) -> int:
         """Number of nodes."""
         return len(self.table)
+
+    def refined(self, fines: IntArray) -> Nodes:
+        """Return the same nodes with steps finer by ``fines`` (nodes,) quarter octaves."""
+        table = self.table.copy()
+        table[:, FINE] = fines
+        return replace(self, table=table)
 
     @cached_property
     def of_joint(self) -> dict[tuple[bool, int], int]:
@@ -99,14 +107,24 @@ def skeleton_nodes(
         if place:
             lever = int(family.shift_levers[joint])
             axes = number[False, top] if node == path and top is not None else -1
-            rows[node] = [PLACE, skeleton.joints + joint, axes, -1, axes, lever, joint, *_UNSCALED]
+            rows[node] = [
+                PLACE,
+                skeleton.joints + joint,
+                axes,
+                -1,
+                axes,
+                lever,
+                joint,
+                0,
+                *_UNSCALED,
+            ]
             continue
         lever = int(family.levers[joint])
         if joint in still:
             guide = -1 if parent < 0 else number[False, parent]
             lever = int(holding[joint])
             scale = scale_columns(_isotropic(lever))
-            rows[node] = [FOLLOWER, joint, guide, -1, -1, lever, joint, *scale]
+            rows[node] = [FOLLOWER, joint, guide, -1, -1, lever, joint, 0, *scale]
             continue
         while parent >= 0 and parent in still:
             parent = int(skeleton.parents[parent])
@@ -115,7 +133,7 @@ def skeleton_nodes(
         tensor = family.inertia[joint].tolist() if len(family.inertia) else _isotropic(lever)
         scale = scale_columns(tensor)
         kind = HINGE if guide >= 0 and joint in family.hinged else TURN
-        rows[node] = [kind, joint, guide, carrier, number[node], lever, joint, *scale]
+        rows[node] = [kind, joint, guide, carrier, number[node], lever, joint, 0, *scale]
     return Nodes(
         np.array([rows[node] for node in order], np.int64).reshape(-1, COLUMNS),
         _borders([level[node] for node in order]),
@@ -185,6 +203,7 @@ def marker_nodes(family: Family) -> Nodes:
             -1,
             int(family.shift_levers[marker]),
             marker,
+            0,
             *_UNSCALED,
         ]
         for marker in order

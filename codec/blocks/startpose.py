@@ -22,7 +22,7 @@ from .aiming import aim
 from .blockcoder import fine_step
 from .blockcontext import turn_at
 from .motionmodel import MotionModel
-from .nodes import FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, SCALE, Nodes
+from .nodes import FINE, FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, SCALE, Nodes
 from .yardstick import Yardstick
 
 POSE_STRIDE = 8  # frames between the poses that a reference clip offers
@@ -68,7 +68,8 @@ def start_size(step: int, fine: int, kind: int) -> int:
 def start_classes(nodes: Nodes, model: MotionModel, pose: int, step: int, fine: int) -> IntArray:
     """Return the class (nodes, 3) of every number of a first pose."""
     in_steps = model.starts[nodes.table[:, ROW], int(pose > 0)]
-    sizes = [start_size(step, fine, int(kind)) for kind in nodes.table[:, KIND]]
+    kinds = nodes.table[:, [KIND, FINE]].tolist()
+    sizes = [start_size(step, fine + own, kind) for kind, own in kinds]
     in_steps = in_steps - np.array([[log2_of(size) - (24 << 8)] for size in sizes], np.int64)
     return np.array([[class_of(value) for value in row] for row in in_steps.tolist()], np.int64)
 
@@ -115,7 +116,7 @@ def start_node(
     """Write a node's decoded first frame from its quantised difference (3,)."""
     expected = lay(state, node, table, pose, usual)
     lever = table[node, LEVER]
-    size = start_size(step, fine, table[node, KIND])
+    size = start_size(step, fine + table[node, FINE], table[node, KIND])
     # 2^-24 cm times whole numbers, in 2^-20 cm
     x = (quantised[0] * size) >> 4
     y = (quantised[1] * size) >> 4
@@ -195,7 +196,7 @@ def _choose_start(
     off = np.empty(3)
     for node in range(len(table)):
         aim(state, goal, table, node, 0, points, shape, offsets, mends, aims)
-        unit_steps = float(start_size(step, fine, table[node, KIND])) / 16.0
+        unit_steps = float(start_size(step, fine + table[node, FINE], table[node, KIND])) / 16.0
         expected = lay(state, node, table, pose, usual)
         lever = table[node, LEVER]
         if table[node, KIND] == PLACE:

@@ -19,15 +19,21 @@ class Bounds:
     """What a person allows, centimetres.
 
     ``tolerance``: the largest error of any joint, end site or marker; ``mean``: the mean error
-    of a clip, None for no such bound. ``joints``: (pattern of joint
-    names, tolerance); an end site goes with the joint that carries it. ``spans``: (from
-    second, to second, tolerance). All hold at once.
+    of a clip, None for no such bound. ``joints``: (pattern of joint names, tolerance), which
+    holds for these joints instead, be it closer or wider, the closest of several; an end site
+    goes with the joint that carries it. ``spans``: (from second, to second, tolerance), which
+    holds for all joints that have no closer one.
     """
 
     tolerance: float
     mean: float | None = None
     joints: tuple[tuple[str, float], ...] = ()
     spans: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def largest(self) -> float:
+        """The largest error that is allowed anywhere."""
+        return max(self.tolerance, *(tolerance for _, tolerance in self.joints), 0.0)
 
     @property
     def plain(self) -> bool:
@@ -89,10 +95,12 @@ def limits_of(clip: Clip, bounds: Bounds) -> Limits:
     else:
         names = clip.skeleton.names
         owners = [*names, *(names[carrier] for carrier in clip.skeleton.end_parents.tolist())]
-    joints, frames = limits.joints.copy(), limits.frames.copy()
+    joints = np.full(len(owners), np.inf)
     for pattern, tolerance in bounds.joints:
         chosen = [fnmatchcase(owner, pattern) for owner in owners]
         joints[chosen] = np.minimum(joints[chosen], tolerance)
+    joints[np.isinf(joints)] = bounds.tolerance
+    frames = np.full(clip.frames, joints.max(initial=bounds.tolerance))
     times = np.arange(clip.frames) * clip.frame_time
     hair = 1e-3 * clip.frame_time
     for start, stop, tolerance in bounds.spans:

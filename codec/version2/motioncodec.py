@@ -13,7 +13,7 @@ from ..blocks.blockcontext import UNIT_BITS
 from ..blocks.blockwalk import Walk, walk
 from ..blocks.motifs import choose_motifs
 from ..blocks.motionmodel import MotionModel
-from ..blocks.nodes import KIND, PLACE, Nodes
+from ..blocks.nodes import JOINT, KIND, PLACE, Nodes
 from ..blocks.offered import Reference
 from ..blocks.recall import joined
 from ..blocks.runstream import Known, Start
@@ -84,7 +84,7 @@ def clip_of(rig: Rig, nodes: Nodes, states: Sequence[IntArray], seen: BoolArray 
     local = local_rotations(skeleton, world)
     shifts = np.broadcast_to(skeleton.offsets, (len(state), skeleton.joints, 3)).copy()
     for node in np.flatnonzero(nodes.table[:, KIND] == PLACE).tolist():
-        joint = int(nodes.table[node, 6])
+        joint = int(nodes.table[node, JOINT])
         place = state[:, node, :3] / float(1 << UNIT_BITS)
         shifts[:, joint] = (
             _local_path(rig, world, shifts, place, joint) if node == nodes.path else place

@@ -53,8 +53,10 @@ def _coded_bytes(file: MotionFile) -> int:
 def nodes_of(rig: Rig, family: Family, head: Head) -> Nodes:
     """Return the nodes that a head names."""
     if rig.kind == "markers":
-        return marker_nodes(family)
-    return skeleton_nodes(rig, family, frozenset(head.still), head.sliding)
+        nodes = marker_nodes(family)
+    else:
+        nodes = skeleton_nodes(rig, family, frozenset(head.still), head.sliding)
+    return nodes.refined(np.array(head.fines, np.int64)) if head.fines else nodes
 
 
 def decode_states(

@@ -11,7 +11,7 @@ from ..blocks.motionmodel import MotionModel
 from ..blocks.nodes import Nodes
 from ..blocks.offered import Reference
 from ..blocks.runstream import Known, write_run
-from ..clip import Clip, IntArray, MarkerClip
+from ..clip import Clip, FloatArray, IntArray, MarkerClip
 from ..errors import GuaranteeError
 from ..figure.rig import Family, Rig
 from ..figure.sliding import check_size
@@ -26,7 +26,8 @@ from .motiongoal import Goal, goal_of
 from .motionhead import Head, write_head
 
 THRIFT = 0.13  # weight of bits against squared error in rounding: the slope of fine quantisers
-LARGEST_STEP = 1.1  # of the smallest limit; blocks refine it where they must
+LARGEST_STEP = 1.1  # of the largest limit; nodes and blocks refine it where they must
+MOST_REFINED = 32.0  # times: less than what `blockcoder.MOST_FINE` allows
 MEAN_STEP = 2.5  # steps over mean errors that mostly end near
 TRIALS = 12
 NO_LIMIT = 1e3  # centimetres: of a clip of no frames
@@ -77,6 +78,7 @@ class MotionEncoder:
             goal.still,
             goal.sliding,
             clip.seen if isinstance(clip, MarkerClip) else None,
+            goal.fines,
         )
         tightness = 1.0
         for trial in range(TRIALS):
@@ -113,12 +115,7 @@ class MotionEncoder:
         self, known: Known, goal: Goal, mean_limit: float | None
     ) -> tuple[int, list[CodedRun]]:
         """Return a step's code and the runs coded at it."""
-        least = float(
-            min(
-                goal.yardstick.joint_limits.min(initial=NO_LIMIT),
-                goal.yardstick.frame_limits.min(initial=NO_LIMIT),
-            )
-        )
+        least = min(_loosest(goal.yardstick.joint_limits), _loosest(goal.yardstick.frame_limits))
         if mean_limit is None:
             code = code_below(LARGEST_STEP * least)
             return code, self._coded(known, goal, code)
@@ -177,6 +174,12 @@ class MotionEncoder:
             tuple(core.to_bytes() for core in cores),
             tuple(rests),
         )
+
+
+def _loosest(limits: FloatArray) -> float:
+    """Return the largest of some limits, or what refinement can bring down to the smallest."""
+    least = float(limits.min(initial=NO_LIMIT))
+    return min(float(limits.max(initial=0.0)) or NO_LIMIT, MOST_REFINED * least)
 
 
 def _mean_of(runs: list[CodedRun]) -> float:

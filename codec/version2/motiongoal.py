@@ -8,8 +8,18 @@ import numpy as np
 
 from ..arithmetic.fixedpoint import to_turns
 from ..blocks.aiming import MEND_COLUMNS, mends_of
+from ..blocks.blockcoder import MOST_FINE
 from ..blocks.blockcontext import UNIT_BITS
-from ..blocks.nodes import JOINT, KIND, PLACE, Nodes, holding_levers, marker_nodes, skeleton_nodes
+from ..blocks.nodes import (
+    FINE,
+    JOINT,
+    KIND,
+    PLACE,
+    Nodes,
+    holding_levers,
+    marker_nodes,
+    skeleton_nodes,
+)
 from ..blocks.yardstick import Yardstick, marker_shape, skeleton_shape
 from ..clip import Clip, IntArray, MarkerClip, SkeletonClip
 from ..figure.rig import LEVER_SCALE, Family, Rig
@@ -19,6 +29,7 @@ from ..geometry.kinematics import end_positions, world_positions, world_rotation
 from ..geometry.limits import Limits
 from ..geometry.rotations import to_quaternions
 
+QUARTER = 0.25  # octaves: the unit of fineness
 STILL_SHARE = 0.02  # of the tolerance: what a joint may turn (times its lever) and be a follower
 
 
@@ -35,6 +46,12 @@ class Goal:
     path: IntArray
     yardstick: Yardstick
 
+    @property
+    def fines(self) -> tuple[int, ...]:
+        """How much finer each node is coded, see `nodes.FINE`; empty if none is."""
+        fines = self.nodes.table[:, FINE]
+        return tuple(fines.tolist()) if fines.any() else ()
+
     def run(self, start: int, stop: int) -> tuple[IntArray, Yardstick]:
         """Return the goal and the yardstick of some of the frames."""
         return self.path[start:stop], self.yardstick.cut(start, stop)
@@ -49,6 +66,7 @@ def goal_of(clip: Clip, rig: Rig, family: Family, limits: Limits) -> Goal:
 
 def _marker_goal(clip: MarkerClip, family: Family, limits: Limits) -> Goal:
     nodes = marker_nodes(family)
+    nodes = nodes.refined(_fines(nodes, marker_shape(nodes)[0], limits))
     positions = filled(clip.positions)
     shape, offsets = marker_shape(nodes)
     counted = clip.seen.astype(np.float64)
@@ -76,6 +94,7 @@ def _skeleton_goal(clip: SkeletonClip, rig: Rig, family: Family, limits: Limits)
     still = _still(clip, family, tolerance)
     nodes = skeleton_nodes(rig, family, frozenset(still), sliding)
     shape, offsets = skeleton_shape(skeleton, nodes)
+    nodes = nodes.refined(_fines(nodes, shape, limits))
     points = np.concatenate([positions, end_positions(skeleton, world, positions)], axis=1)
     path = np.zeros((clip.frames, nodes.count, 4), np.int64)
     turns = to_turns(to_quaternions(world))
@@ -97,6 +116,20 @@ def _skeleton_goal(clip: SkeletonClip, rig: Rig, family: Family, limits: Limits)
         limits.frames,
     )
     return Goal(nodes, still, sliding, path, measure)
+
+
+def _fines(nodes: Nodes, shape: IntArray, limits: Limits) -> IntArray:
+    """Return how much finer (nodes,) than for the loosest limit each node is to be coded.
+
+    As fine as the closest limit at or below it needs; ``shape``: see `yardstick.Yardstick`.
+    """
+    closest = limits.joints.copy()
+    for point in range(len(shape) - 1, -1, -1):
+        parent = int(shape[point, 0])
+        if parent >= 0:
+            closest[parent] = min(closest[parent], closest[point])
+    finer = np.log2(closest.max(initial=0.0) / closest)[nodes.table[:, JOINT]]
+    return np.asarray(np.minimum(np.rint(finer / QUARTER), MOST_FINE), np.int64)
 
 
 def _still(clip: SkeletonClip, family: Family, tolerance: float) -> tuple[int, ...]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..blocks.blockcoder import MOST_FINE
 from ..clip import BoolArray
 from ..errors import DamagedError
 from ..figure.rig import Rig
@@ -18,6 +19,7 @@ from ..streams.gapstream import read_gaps, write_gaps
 
 MOST_REFERENCES = 64
 _RARE = 8  # class of a joint that is not as usual: one in some fifty
+_FINE = 36  # class of how a node's fineness differs from the last one's
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +27,15 @@ class Head:
     """What the head says.
 
     ``references``: numbers of the clips that this one is predicted from, ascending; ``still``
-    and ``sliding``: joints, see `nodes`; ``seen``: (frames, markers), None for skeletons.
+    and ``sliding``: joints, see `nodes`; ``seen``: (frames, markers), None for skeletons;
+    ``fines``: per node, see `nodes.FINE`; empty if all are 0.
     """
 
     references: tuple[int, ...]
     still: tuple[int, ...]
     sliding: tuple[int, ...]
     seen: BoolArray | None
+    fines: tuple[int, ...] = ()
 
 
 def write_head(
@@ -50,10 +54,12 @@ def write_head(
         writer.uniform(gaps, 1 << bits)
     if head.seen is not None:
         write_gaps(writer, head.seen)
+        _write_fines(writer, head.fines)
         return
     joints, candidates = rig.skeleton.joints, can_slide(rig)
     _write_set(writer, head.still, usual_still, list(range(joints)))
     _write_set(writer, head.sliding, usual_sliding, candidates)
+    _write_fines(writer, head.fines)
 
 
 def read_head(
@@ -66,10 +72,13 @@ def read_head(
     """Return what `write_head` was given. Raises `DamagedError`."""
     references = _read_references(reader)
     if rig.kind == "markers":
-        return Head(references, (), (), read_gaps(reader, frames, rig.skeleton.joints))
-    joints, candidates = rig.skeleton.joints, can_slide(rig)
-    still = _read_set(reader, usual_still, list(range(joints)))
-    return Head(references, still, _read_set(reader, usual_sliding, candidates), None)
+        seen = read_gaps(reader, frames, rig.skeleton.joints)
+        return Head(references, (), (), seen, _read_fines(reader, rig.skeleton.joints))
+    joint_numbers, candidates = list(range(rig.skeleton.joints)), can_slide(rig)
+    still = _read_set(reader, usual_still, joint_numbers)
+    sliding = _read_set(reader, usual_sliding, candidates)
+    fines = _read_fines(reader, len(joint_numbers) + len(sliding))
+    return Head(references, still, sliding, None, fines)
 
 
 def read_references(core: bytes) -> tuple[int, ...]:
@@ -86,6 +95,23 @@ def _read_references(reader: SymbolReader) -> tuple[int, ...]:
     bits = int(reader.uniform(1, 48)[0])
     gaps = reader.uniform(count, 1 << bits)
     return tuple((np.cumsum(gaps + 1) - 1).tolist())
+
+
+def _write_fines(writer: SymbolWriter, fines: tuple[int, ...]) -> None:
+    writer.sized(np.array([int(bool(fines))]), np.array([_RARE]))
+    if fines:
+        numbers = np.array(fines, np.int64)
+        changes = numbers - np.append(0, numbers[:-1])
+        writer.sized(changes, np.full(len(fines), _FINE))
+
+
+def _read_fines(reader: SymbolReader, nodes: int) -> tuple[int, ...]:
+    if not int(reader.sized(np.array([_RARE]))[0]):
+        return ()
+    fines = np.cumsum(reader.sized(np.full(nodes, _FINE)))
+    if fines.min(initial=0) < 0 or fines.max(initial=0) > MOST_FINE:
+        raise DamagedError(f"claims a node refined {fines.max()} times")
+    return tuple(fines.tolist())
 
 
 def _write_set(
