@@ -11,6 +11,7 @@ from ..blocks.motionmodel import BASIS_BITS, MotionModel
 from ..blocks.nodes import ROW
 from ..blocks.recall import empty_memory
 from ..clip import FloatArray, IntArray
+from .abreast import abreast
 from .modelfile import row_sizes
 from .samples import Manner, Sample, walked
 
@@ -22,9 +23,9 @@ def row_costs(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> 
     """Return about how many bytes the samples' blocks of each row (rows,) cost."""
     nothing = empty_memory(model.rows, model.channels)
     bits = np.zeros(model.rows)
-    for sample in samples:
-        rows = sample.nodes.table[:, ROW]
-        np.add.at(bits, rows, walked(sample, model, nothing, manner).costs)
+    walks = abreast(lambda sample: walked(sample, model, nothing, manner), samples)
+    for sample, done in zip(samples, walks, strict=True):
+        np.add.at(bits, sample.nodes.table[:, ROW], done.costs)
     return bits / 8.0
 
 

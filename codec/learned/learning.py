@@ -14,9 +14,10 @@ import numpy as np
 
 from ..blocks.motionmodel import MotionModel
 from ..blocks.nodes import FOLLOWER, JOINT, KIND, PLACE
-from ..blocks.offered import reference_of
+from ..blocks.offered import Reference, reference_of
 from ..blocks.recall import empty_memory, joined
 from ..clip import IntArray
+from .abreast import abreast
 from .predictorfit import fit_predictors
 from .samples import Manner, Sample, walked
 from .sizefit import fit_all_sizes
@@ -44,10 +45,12 @@ def learn(
     for _ in range(ROUNDS):
         model = fit_predictors(samples, model, manner, keep_weights)
     nothing = empty_memory(model.rows, model.channels)
-    references = []
-    for sample in samples:
+
+    def reference(sample: Sample) -> Reference:
         state = walked(sample, model, nothing, manner).state[: len(sample.goal)]
-        references.append(reference_of([state], sample.nodes, model))
+        return reference_of([state], sample.nodes, model)
+
+    references = list(abreast(reference, samples))
     memories = (  # one at a time: together they take much memory
         joined([references[other].memory for other in others], model.rows, model.channels)
         if at % ALONE

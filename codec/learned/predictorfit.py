@@ -22,6 +22,7 @@ from ..blocks.motionmodel import (
 from ..blocks.nodes import FOLLOWER, KIND, ROW
 from ..blocks.recall import empty_memory
 from ..clip import FloatArray, IntArray
+from .abreast import abreast
 from .samples import Manner, Sample, walked
 
 ROUNDING_SHARE = 0.015  # of the step: what rounding of one feature's weight may do
@@ -43,8 +44,11 @@ def fit_predictors(
     square = np.zeros((model.rows, channels, channels))
     seen = np.zeros(model.rows, np.int64)
     nothing = empty_memory(model.rows, channels)
-    for sample in samples:
-        xs, ys = _gathered(sample, walked(sample, model, nothing, manner).state, model)
+
+    def gathered(sample: Sample) -> tuple[FloatArray, FloatArray]:
+        return _gathered(sample, walked(sample, model, nothing, manner).state, model)
+
+    for sample, (xs, ys) in zip(samples, abreast(gathered, samples), strict=True):
         for node in range(sample.nodes.count):
             if sample.nodes.table[node, KIND] == FOLLOWER:
                 continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..blocks.motionmodel import GROUPS, SIGNS, MotionModel
 from ..blocks.nodes import FOLLOWER, KIND, ROW
 from ..blocks.recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
 from ..clip import FloatArray, IntArray
+from .abreast import abreast
 from .samples import Manner, Sample, walked
 
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
@@ -75,49 +76,65 @@ def fit_all_sizes(
     """Return the model with expected sizes fitted to what closed-loop walks quantise."""
     signs: list[list[IntArray]] = [[] for _ in range(model.rows)]
     sizes: list[list[IntArray]] = [[] for _ in range(model.rows)]
-    for sample, memory in zip(samples, memories, strict=True):
-        done = walked(sample, model, memory, manner)
-        state, quantised = done.state, done.quantised
-        found = np.zeros((sample.nodes.count, len(quantised), SIGNS), np.int64)
-        own = own_memory(len(sample.goal), model.rows, model.span)
-        _gather_signs(
-            state,
-            sample.nodes.table,
-            sample.nodes.top,
-            sample.nodes.path,
-            model.span,
-            model.lags,
-            model.up,
-            model.weights,
-            model.basis,
-            model.base,
-            model.senses,
-            memory.keys,
-            memory.follows,
-            own.keys,
-            own.follows,
-            quantised,
-            manner.step,
-            found,
-        )
+
+    def gathered(both: tuple[Sample, Memory]) -> tuple[IntArray, IntArray]:
+        return _gathered(*both, model, manner)
+
+    walks = abreast(gathered, zip(samples, memories, strict=True))
+    for sample, (found, quantised) in zip(samples, walks, strict=True):
         for node in range(sample.nodes.count):
             if sample.nodes.table[node, KIND] != FOLLOWER:
                 row = int(sample.nodes.table[node, ROW])
                 signs[row].append(found[node])
                 sizes[row].append(quantised[:, node])
     base, senses = model.base.copy(), model.senses.copy()
+    rows = [row for row in range(model.rows) if sum(map(len, signs[row])) >= LEAST_BLOCKS]
     rng = np.random.default_rng(0)
-    for row in range(model.rows):
-        if sum(map(len, signs[row])) < LEAST_BLOCKS:
-            continue
-        x, q = np.concatenate(signs[row]) / 256.0, np.abs(np.concatenate(sizes[row]))
-        if len(x) > MOST_SAMPLES:
-            chosen = rng.choice(len(x), MOST_SAMPLES, replace=False)
-            x, q = x[chosen], q[chosen]
-        found_base, found_senses = fit_sizes(x, q.astype(np.float64))
+
+    def seen() -> Iterator[tuple[FloatArray, FloatArray]]:
+        for row in rows:
+            x, q = np.concatenate(signs[row]) / 256.0, np.abs(np.concatenate(sizes[row]))
+            if len(x) > MOST_SAMPLES:
+                chosen = rng.choice(len(x), MOST_SAMPLES, replace=False)
+                x, q = x[chosen], q[chosen]
+            yield x, q.astype(np.float64)
+
+    fits = abreast(lambda both: fit_sizes(*both), seen())
+    for row, (found_base, found_senses) in zip(rows, fits, strict=True):
         base[row] = np.rint(found_base * 256)
         senses[row] = np.rint(found_senses * 256)
     return replace(model, base=base, senses=senses)
+
+
+def _gathered(
+    sample: Sample, memory: Memory, model: MotionModel, manner: Manner
+) -> tuple[IntArray, IntArray]:
+    """Return (signs, quantised sizes) of a walk: (nodes, blocks, …) and (blocks, nodes, …)."""
+    done = walked(sample, model, memory, manner)
+    state, quantised = done.state, done.quantised
+    found = np.zeros((sample.nodes.count, len(quantised), SIGNS), np.int64)
+    own = own_memory(len(sample.goal), model.rows, model.span)
+    _gather_signs(
+        state,
+        sample.nodes.table,
+        sample.nodes.top,
+        sample.nodes.path,
+        model.span,
+        model.lags,
+        model.up,
+        model.weights,
+        model.basis,
+        model.base,
+        model.senses,
+        memory.keys,
+        memory.follows,
+        own.keys,
+        own.follows,
+        quantised,
+        manner.step,
+        found,
+    )
+    return found, quantised
 
 
 def fit_sizes(signs: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
