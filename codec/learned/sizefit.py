@@ -70,9 +70,16 @@ def _gather_signs(
 
 
 def fit_all_sizes(
-    samples: Sequence[Sample], model: MotionModel, manner: Manner, memories: Iterable[Memory]
+    samples: Sequence[Sample],
+    model: MotionModel,
+    manner: Manner,
+    memories: Iterable[Memory],
+    contexts: bool = True,
 ) -> MotionModel:
-    """Return the model with expected sizes fitted to what closed-loop walks quantise."""
+    """Return the model with expected sizes fitted to what closed-loop walks quantise.
+
+    Without ``contexts`` they depend on the coefficient alone: the senses are zero.
+    """
     signs: list[list[IntArray]] = [[] for _ in range(model.rows)]
     sizes: list[list[IntArray]] = [[] for _ in range(model.rows)]
     for sample, memory in zip(samples, memories, strict=True):
@@ -110,7 +117,8 @@ def fit_all_sizes(
     for row in range(model.rows):
         if sum(map(len, signs[row])) < LEAST_BLOCKS:
             continue
-        x, q = np.concatenate(signs[row]) / 256.0, np.abs(np.concatenate(sizes[row]))
+        x = np.concatenate(signs[row]) * (contexts / 256.0)
+        q = np.abs(np.concatenate(sizes[row]))
         if len(x) > MOST_SAMPLES:
             chosen = rng.choice(len(x), MOST_SAMPLES, replace=False)
             x, q = x[chosen], q[chosen]
