@@ -107,6 +107,7 @@ class Settings:
         record = asdict(self)
         for name in ("joint_tolerances", "span_tolerances"):
             record[name] = [list(bound) for bound in record[name]]
+        record["without"] = list(self.without)
         return record
 
 
