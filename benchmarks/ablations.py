@@ -4,7 +4,9 @@ python benchmarks/ablations.py DATA [--set bandai|cmu] [--sample N] [--variants 
     [--tolerances 1mm,1cm] [--bound max|mean] [--json]
 
 A variant is a name and what it changes in the settings; all others are compared with the
-first. The mean joint error stands beside the bytes, because a variant may buy one with the other.
+first, also at equal mean error of the joints, because a variant may buy one with the other.
+"No patterns" also takes away a clip's memory of itself. That is no setting, since every decoder
+has it: here it is taken from encoder and decoder alike, in this process.
 """
 
 from __future__ import annotations
@@ -12,18 +14,28 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from archive_runs import ArchiveRuns
 from motion_sets import SETS, chosen, clip_files, link_library
 from tables import print_table
 
+from motifold.codec.blocks import blockwalk, runstream
+from motifold.codec.blocks.recall import Memory, empty_memory
+from motifold.codec.learned import sizefit
 from motifold.workflows.quantities import parse_length
 
 VARIANTS: dict[str, Mapping[str, Any]] = {
     "default": {},
+    "no patterns": {"references": 0},
+    "no learned basis": {"without": ("basis",)},
+    "no parent prediction": {"without": ("parents",)},
+    "plain entropy tables": {"without": ("contexts",)},
+    "local orientations": {"without": ("world",)},
     "no references": {"references": 0},
     "2 references": {"references": 2},
     "8 references": {"references": 8},
@@ -33,7 +45,15 @@ VARIANTS: dict[str, Mapping[str, Any]] = {
 }
 """Name to changed settings; a dot goes into nested rules: ``clusters.radius_coefficient``."""
 
-HEADER = ("variant", "tolerance", "archive", "index files", "the rest", "/ first", "mean error")
+FORGETFUL = ("no patterns",)
+"""Variants in which a clip is no reference of its own."""
+
+SLOPE = 0.4  # bytes go with the mean error to the power of -0.4: see docs/codec.md
+
+HEADER = (
+    *("variant", "tolerance", "archive", "index files", "the rest", "/ first", "mean error"),
+    "/ first at equal error",
+)
 
 
 def main() -> None:
@@ -55,9 +75,12 @@ def main() -> None:
         sources = link_library(files, Path(folder, "library"))
         for name in options.variants:
             changes = VARIANTS[name]
-            archives = ArchiveRuns(sources, Path(folder), options.workers, changes=changes)
+            forgets = name in FORGETFUL
+            workers = 0 if forgets else options.workers
+            archives = ArchiveRuns(sources, Path(folder), workers, changes=changes)
             for text in options.tolerances.split(","):
-                run = archives.at(options.bound, parse_length(text))
+                with forgetful() if forgets else nullcontext():
+                    run = archives.at(options.bound, parse_length(text))
                 figures.append(
                     {
                         "variant": name,
@@ -73,9 +96,31 @@ def main() -> None:
         print_table([HEADER, *rows(figures)])
 
 
+@contextmanager
+def forgetful() -> Iterator[None]:
+    """Take from encoder, decoder and learning what a clip remembers of itself."""
+
+    def nothing(frames: int, rows: int, span: int) -> Memory:
+        del frames
+        return empty_memory(rows, 3 * span)
+
+    with (
+        patch.object(blockwalk, "own_memory", nothing),
+        patch.object(runstream, "own_memory", nothing),
+        patch.object(sizefit, "own_memory", nothing),
+    ):
+        yield
+
+
 def rows(figures: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return the table's rows; each is compared with the first of the same tolerance."""
-    first = {entry["tolerance"]: entry["archive_bytes"] for entry in reversed(figures)}
+    first = {entry["tolerance"]: entry for entry in reversed(figures)}
+
+    def share(entry: dict[str, Any], slope: float) -> str:
+        other = first[entry["tolerance"]]
+        worse = (entry["joint_mean"] / other["joint_mean"]) ** slope
+        return f"{entry['archive_bytes'] / other['archive_bytes'] * worse:.4f}"
+
     return [
         (
             entry["variant"],
@@ -83,8 +128,9 @@ def rows(figures: list[dict[str, Any]]) -> list[tuple[str, ...]]:
             f"{entry['archive_bytes']:,}",
             f"{entry['index_bytes']:,}",
             f"{entry['archive_bytes'] - entry['index_bytes']:,}",
-            f"{entry['archive_bytes'] / first[entry['tolerance']]:.4f}",
+            share(entry, 0.0),
             f"{entry['joint_mean'] * 10:.4g} mm",
+            share(entry, SLOPE),
         )
         for entry in figures
     ]

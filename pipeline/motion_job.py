@@ -157,17 +157,24 @@ class MotionJob:
             ]
             share = frames / sum(len(sample.goal) for sample in samples)
             usual = usual_pose(rig, family)
-            found = [candidate(plain, samples, manner, share)]
+            without = self.settings.without
+            # the fixed model has parents and contexts; its basis is what is left of one
+            plain_serves = "parents" not in without and "contexts" not in without
+            found = [candidate(plain, samples, manner, share)] if plain_serves else []
             for keep_weights in (False, True):
                 if not keep_weights and self.settings.model == "basis":
                     continue
-                model = one_thread(learn, samples, plain, manner, usual, neighbours, keep_weights)
+                if keep_weights and "parents" in without:
+                    continue
+                model = one_thread(
+                    learn, samples, plain, manner, usual, neighbours, keep_weights, without
+                )
                 both = [coarsened(model), model]
                 found += [candidate(each, samples, manner, share) for each in both]
                 best = cheapest(found)
                 if len(write_model(best.model)) < SMALL_MODEL * best.costs.sum():
                     break  # a cheaper model has nothing to save
-            if best.costs.sum() < found[0].costs.sum():
+            if not plain_serves or best.costs.sum() < found[0].costs.sum():
                 self.models[key] = self.generation, best.model
 
     def _recalled(

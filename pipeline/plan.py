@@ -16,6 +16,7 @@ from .discover import Source
 
 BATCH_CLIPS = 32
 BATCH_BYTES = 16 << 20  # of source files
+LEARNED = ("basis", "parents", "contexts")  # what a learned model can do without
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,9 @@ class Settings:
     others are predicted from. ``codec``: ``patterns`` writes index files of version 1,
     ``learned`` of version 2, in which a clip is predicted from up to ``references`` others
     with a ``model`` that is learned where that saves bytes, learned but for the prediction
-    (``basis``), or ``fixed``. Raises `UsageError`.
+    (``basis``), or ``fixed``. ``without`` leaves ideas out, to measure what they are worth:
+    ``basis``, ``parents`` and ``contexts`` of what is learned (see `learning.learn`), and
+    ``world``: joints are coded as the joints above them see them. Raises `UsageError`.
     """
 
     tolerance: float = 0.1
@@ -43,6 +46,7 @@ class Settings:
     span_tolerances: tuple[tuple[float, float, float], ...] = ()
     references: int = 4
     model: Literal["learned", "basis", "fixed"] = "learned"
+    without: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 1e-4 <= self.tolerance <= 1000.0:
@@ -59,6 +63,12 @@ class Settings:
             raise UsageError(f"unknown codec {self.codec!r}", advice="Use learned or patterns")
         if self.model not in ("learned", "basis", "fixed"):
             raise UsageError(f"unknown model {self.model!r}", advice="Use learned, basis or fixed")
+        for name in self.without:
+            if name not in (*LEARNED, "world"):
+                advice = f"Use {', '.join(LEARNED)} or world"
+                raise UsageError(f"nothing is called {name!r}", advice=advice)
+            if name in LEARNED and self.model != "learned":
+                raise UsageError(f"only a learned model can do without {name}")
         if not 0 <= self.references <= MOST_REFERENCES:
             raise UsageError(
                 f"{self.references} references", advice=f"Choose from 0 to {MOST_REFERENCES}"
@@ -97,6 +107,7 @@ class Settings:
         record = asdict(self)
         for name in ("joint_tolerances", "span_tolerances"):
             record[name] = [list(bound) for bound in record[name]]
+        record["without"] = list(self.without)
         return record
 
 

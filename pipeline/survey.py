@@ -73,7 +73,8 @@ def settle(found: SurveyedLibrary, plan: Plan, store: Store) -> list[tuple[Prepa
             if clip is None:
                 continue
             if clip.rig_key not in numbers:
-                numbers[clip.rig_key] = _settled(found, clip.rig_key, markers, store)
+                local = "world" in plan.settings.without
+                numbers[clip.rig_key] = _settled(found, clip.rig_key, markers, store, local)
             number = numbers[clip.rig_key]
             items.append(Prepared(source, number, store.rigs[number], clip.source))
         if items:
@@ -86,13 +87,16 @@ def _settled(
     key: str,
     markers: dict[tuple[str, ...], tuple[BodyPart, ...]],
     store: Store,
+    local: bool,
 ) -> int:
     rig = found.rigs[key]
     sketch = found.families[rig.family_key]
     if rig.kind == "markers":
         rig = replace(rig, parts=markers.setdefault(rig.skeleton.names, rig.parts))
     if rig.family_key not in store.families:
-        founded = found_family(rig, sketch.usual, sketch.bones, sketch.bends, sketch.head_diagonal)
+        founded = found_family(
+            rig, sketch.usual, sketch.bones, sketch.bends, sketch.head_diagonal, local
+        )
         store.add_family(founded)
     number = store.rig_number(rig)
     return store.add_rig(rig) if number is None else number

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from clips import Recipe, family_of, skeleton_clip
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -160,6 +160,31 @@ def test_a_hinge_makes_up_about_its_own_axis_only(seed: int) -> None:
         best = minimize_scalar(bend, bounds=(-0.2, 0.2), options={"xatol": 1e-7}).fun
         left = (1 - MENDED) ** 2 * (bend(0.0) - best)
         assert cost(rotation(found)[i]) <= best + left + 0.02 * bend(0.0)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_a_hinge_that_is_none_makes_up_about_every_axis(seed: int) -> None:
+    clip = skeleton_clip(Recipe(seed, joints=5, frames=5, tree="chain"))
+    bends = Rotation.from_rotvec(
+        0.3 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)[:1]])
+    )
+    clip.rotations[:, 3] = bends.as_matrix()
+    goal = goal_with(clip, (3,))
+    state = disturbed(goal, 0.003, seed)
+    node, guide = goal.nodes.of_joint[False, 3], goal.nodes.of_joint[False, 2]
+    assert goal.nodes.table[node, KIND] == HINGE
+    nominal = rotation(state[1:5, guide]) * bends[1:]
+    found = rotation(aimed(goal, state, node))
+    for i in range(SPAN):
+        cost = cost_of(goal, state, node, 1 + i)
+
+        def turned(d: FloatArray, cost: object = cost, i: int = i) -> float:
+            return cost(nominal[i] * Rotation.from_rotvec(d))  # type: ignore[operator, no-any-return]
+
+        best = minimize(turned, np.zeros(3), method="BFGS", options={"gtol": 1e-9}).fun
+        left = (1 - MENDED) ** 2 * (cost(nominal[i]) - best)
+        assert cost(found[i]) <= best + left + 0.02 * (cost(nominal[i]) - best) + 1e-9
 
 
 def test_a_hinge_that_does_not_bend_keeps_its_angle() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import zlib
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -28,6 +29,8 @@ from rate_curves import Bound, Run
 from rate_distortion import code_state, write
 from targets import GROWTH_CLIPS
 
+from motifold.codec.formats.files import read_clip
+from motifold.codec.geometry.metrics import measure
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.plan import Settings
@@ -191,6 +194,26 @@ def test_variants_are_compared_with_the_first() -> None:
         for name, tolerance, size in (("a", "1mm", 100), ("a", "1cm", 50), ("b", "1mm", 150))
     ]
     assert [row[5] for row in ablations.rows(figures)] == ["1.0000", "1.0000", "1.5000"]
+    figures[2]["joint_mean"] = 0.02 * 2.0**2.5
+    assert [row[7] for row in ablations.rows(figures)] == ["1.0000", "1.0000", "3.0000"]
+
+
+def test_without_memory_of_itself_a_clip_is_another_file(
+    small_library: Path, tmp_path: Path
+) -> None:
+    name = min(path.name for path in small_library.iterdir())
+    files, motions = [], []
+    manners: list[AbstractContextManager[object]] = [nullcontext(), ablations.forgetful()]
+    for number, manner in enumerate(manners):
+        folder = tmp_path / str(number)
+        with manner:
+            archive_library(small_library, folder, include=[name], workers=0)
+            with Archive(folder) as archive:
+                files.append(archive[name].path.read_bytes())
+                motions.append(archive[name].decode())
+    clip = read_clip(small_library / name)
+    assert files[0] != files[1]
+    assert all(measure(clip, motion).maximum <= 0.1 for motion in motions)
 
 
 def test_figures_are_kept_and_added_to(tmp_path: Path) -> None:

@@ -68,6 +68,15 @@ def test_units_and_seed_are_checked_before_any_work() -> None:
         Settings(seed=-1)
 
 
+def test_what_is_left_out_must_be_there() -> None:
+    assert Settings(without=("world", "basis")).without == ("world", "basis")
+    assert Settings(model="fixed", without=("world",)).model == "fixed"
+    with pytest.raises(UsageError, match="'wings'"):
+        Settings(without=("wings",))
+    with pytest.raises(UsageError, match="without contexts"):
+        Settings(model="basis", without=("contexts",))
+
+
 def test_rules_are_checked() -> None:
     with pytest.raises(UsageError, match="segmentation"):
         SegmentRules("cubic")  # type: ignore[arg-type]

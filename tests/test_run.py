@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from libraries import BAD, CLIPS, copied, short_specs, tree, write_clips
 
+from motifold.codec.blocks.motionmodel import fixed_model
 from motifold.codec.errors import ArchiveError, UsageError
 from motifold.codec.figure.bodyparts import load_parts
 from motifold.codec.formats.files import clip_bytes, read_clip
@@ -507,7 +508,18 @@ def test_one_process_may_write_an_archive_twice(small_library: Path, tmp_path: P
                 )
 
 
-@pytest.mark.parametrize("changes", [{"references": 0}, {"model": "basis"}, {"model": "fixed"}])
+LEFT_OUT = ("basis", "parents", "contexts", "world")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"references": 0},
+        {"model": "basis"},
+        {"model": "fixed"},
+        *({"without": (name,)} for name in LEFT_OUT),
+    ],
+)
 def test_parts_of_the_codec_can_be_left_out(
     changes: dict[str, Any], small_library: Path, tmp_path: Path
 ) -> None:
@@ -522,3 +534,34 @@ def test_parts_of_the_codec_can_be_left_out(
             assert not archive.store.models
         if changes.get("references") == 0:
             assert not any(read_references(file.cores[0]) for file in files)  # type: ignore[union-attr]
+        for name in settings.without:
+            assert_left_out(archive, name)
+
+
+def assert_left_out(archive: Archive, name: str) -> None:
+    """No joint of the archive's families, and no learned row, has what was left out."""
+    store = archive.store
+    if name == "world":
+        for family in store.families.values():
+            assert family.hinged == tuple(range(1, len(family.levers)))
+        return
+    assert store.models or name == "basis"
+    for model in store.models.values():
+        plain = fixed_model(model.rows, model.span, model.up)
+        learned = {
+            field: [
+                row
+                for row in range(model.rows)
+                if not np.array_equal(getattr(model, field)[row], getattr(plain, field)[row])
+            ]
+            for field in ("folded_weights", "folded_basis", "senses")
+        }
+        if name == "basis":
+            assert not learned["folded_basis"]
+        elif name == "parents":
+            guided = slice(15, 27 + 6 * model.span)
+            assert learned["folded_weights"]
+            assert not model.folded_weights[learned["folded_weights"], guided].any()
+        else:
+            assert learned["senses"]
+            assert not model.senses[learned["senses"]].any()

@@ -81,6 +81,10 @@ def archive(
     model: Annotated[
         str, typer.Option(help="learned, basis (all but the prediction) or fixed.")
     ] = "learned",
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="Idea to leave out: basis, parents, contexts, world. Repeatable."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Archive the motion files of LIBRARY into ARCHIVE.
@@ -104,6 +108,7 @@ def archive(
         codec=codec,  # type: ignore[arg-type]
         references=references,
         model=model,  # type: ignore[arg-type]
+        without=tuple(without or ()),
     )
     line = ProgressLine()
     report = archive_library(

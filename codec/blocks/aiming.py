@@ -23,6 +23,7 @@ from .nodes import FOLLOWER, GUIDE, HINGE, JOINT, KIND, TURN, Nodes
 
 MENDED = 0.9  # of an error: at coarse steps, all of it costs more bits than it saves
 MOST_TURNED = 0.3  # radians
+BALL = 0.01  # of the squared turns about the main axis: what counts as one more
 STIFF = 1e-9  # squared radians a frame: a joint that turns less has no axis
 UNIT = float(1 << LENGTH_BITS)
 MEND_COLUMNS = 21  # gain (3 × 3), inertia (3 × 3), first moment (3)
@@ -35,7 +36,8 @@ def mends_of(
 
     The rotation d, in the joint's axes, that brings points at o of mass m nearest to where e
     would move them solves M d = Σ m o × e, with M their inertia and that of the shell. Columns:
-    a gain G, M and Σ m o. G is M⁻¹ for turns, a aᵀ / aᵀ M a for a hinge with axis a.
+    a gain G, M and Σ m o. G is M⁻¹ for turns, A (Aᵀ M A)⁻¹ Aᵀ for a hinge with axes A: one, or
+    more if joints were made hinges that are none.
     ``shape`` and ``offsets``: see `yardstick.Yardstick`; ``goal``: (frames, nodes, 4).
     """
     joints, kinds = skeleton.joints, nodes.table[:, KIND]
@@ -57,18 +59,17 @@ def mends_of(
         if row[KIND] == TURN and node != nodes.top:  # the first turn is coded before its place
             gain = np.linalg.inv(inertia[joint])
         if row[KIND] == HINGE:
-            axes = _axis(goal, node, int(row[GUIDE]))
-            gain = axes / max(np.trace(axes @ inertia[joint]), 1.0)
+            axes = _axes(goal, node, int(row[GUIDE]))
+            gain = axes @ np.linalg.inv(axes.T @ inertia[joint] @ axes) @ axes.T
         if gain.any():
             out[node] = np.concatenate([gain.ravel(), inertia[joint].ravel(), moment[joint]])
     return out
 
 
-def _axis(goal: IntArray, node: int, guide: int) -> FloatArray:
-    """Return a aᵀ (3, 3) of the axis a that a hinge bends about; zeros if it does not bend."""
+def _axes(goal: IntArray, node: int, guide: int) -> FloatArray:
+    """Return the axes (3, up to 3) that a hinge bends about; none if it does not bend."""
     sizes, axes = np.linalg.eigh(_bends(goal, node, guide))
-    axis = axes[:, 2] if sizes[2] > STIFF * len(goal) else np.zeros(3)
-    return np.outer(axis, axis)
+    return np.asarray(axes[:, sizes > max(STIFF * len(goal), BALL * sizes[2])])
 
 
 @compiled

@@ -194,7 +194,12 @@ class Family:
 
 
 def found_family(
-    rig: Rig, usual: FloatArray, bones: FloatArray, bends: FloatArray, head_diagonal: float
+    rig: Rig,
+    usual: FloatArray,
+    bones: FloatArray,
+    bends: FloatArray,
+    head_diagonal: float,
+    local: bool = False,
 ) -> Family:
     """Return the family that ``rig`` founds.
 
@@ -202,7 +207,7 @@ def found_family(
     part's reference; projected onto the rotations by SVD (the chordal mean). ``bones``:
     (joints, 3) mean local translations in centimetres, which give the levers; a joint's lever
     is at least the 3 cm of the shell. ``bends``: (joints, 3, 3) as by `bends_of`, summed.
-    ``head_diagonal``: body size in centimetres.
+    ``head_diagonal``: body size in centimetres. ``local``: all joints count as hinged.
     """
     joints = rig.skeleton.joints
     if rig.kind == "markers":
@@ -217,7 +222,7 @@ def found_family(
     signs[:, 2] = np.linalg.det(u @ vt)
     centres = np.rint(to_quaternions((u * signs[:, None, :]) @ vt) * CENTRE_SCALE)
     skeleton = replace(rig.skeleton, offsets=bones)
-    hinged = _hinged(bends)
+    hinged = tuple(range(1, joints)) if local else _hinged(bends)
     turn = np.rint(np.clip(levers(skeleton), 3.0, 1000.0) * LEVER_SCALE)
     tensors = np.rint(bounded(inertia(skeleton, frozenset(hinged))) * LEVER_SCALE**2)
     shift = np.rint(np.sqrt(hanging_joints(skeleton)) * LEVER_SCALE)

@@ -7,7 +7,7 @@ their rounding errors. Everything learned is rounded to integers; the codec neve
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,16 +34,20 @@ def learn(
     usual: IntArray,
     neighbours: Sequence[Sequence[int]],
     keep_weights: bool = False,
+    without: Collection[str] = (),
 ) -> MotionModel:
     """Return a model learned from sample clips, beginning with ``start``.
 
     ``usual``: (rows, 4) the family's usual pose; ``neighbours``: per sample, the numbers of
     the other samples that it may refer to; ``keep_weights``: the prediction stays as it is,
-    for a library too small to pay for one of its own.
+    for a library too small to pay for one of its own; ``without``: what is not learned, to
+    measure its worth: ``basis`` (the one of ``start`` stays), ``parents`` (nothing is predicted
+    from the guide's or the carrier's motion), ``contexts`` (expected sizes do not depend on
+    what is decoded).
     """
     model = start
     for _ in range(ROUNDS):
-        model = fit_predictors(samples, model, manner, keep_weights)
+        model = fit_predictors(samples, model, manner, keep_weights, without)
     nothing = empty_memory(model.rows, model.channels)
 
     def reference(sample: Sample) -> Reference:
@@ -57,7 +61,7 @@ def learn(
         else nothing
         for at, others in enumerate(neighbours)
     )
-    model = fit_all_sizes(samples, model, manner, memories)
+    model = fit_all_sizes(samples, model, manner, memories, "contexts" not in without)
     empty = np.zeros((0, model.rows, 4), np.int64)
     poses = [
         np.concatenate([empty, *(references[other].poses for other in others)])

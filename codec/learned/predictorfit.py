@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,15 +28,20 @@ from .samples import Manner, Sample, walked
 ROUNDING_SHARE = 0.015  # of the step: what rounding of one feature's weight may do
 BASIS_GRAIN = 11  # bits after the point that a learned basis keeps
 RIDGE = 3e-3  # of a feature's mean square, at a step of a millimetre; more at coarser ones
+PARENTS = 15  # first of the features that say how guide and carrier move
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 
 
 def fit_predictors(
-    samples: Sequence[Sample], model: MotionModel, manner: Manner, keep_weights: bool = False
+    samples: Sequence[Sample],
+    model: MotionModel,
+    manner: Manner,
+    keep_weights: bool = False,
+    without: Collection[str] = (),
 ) -> MotionModel:
     """Return the model with weights and bases fitted to closed-loop walks with the old one.
 
-    ``keep_weights``: only the bases are fitted.
+    ``keep_weights``: only the bases are fitted; ``without``: see `learning.learn`.
     """
     features, channels = model.weights.shape[1:]
     gram = np.zeros((model.rows, features, features))
@@ -60,16 +65,20 @@ def fit_predictors(
             seen[row] += len(x)
     fold = fold_features(model.span) / float(1 << BASIS_BITS)
     cosine = cosine_basis(model.span)
+    used = np.ones(features)
+    if "parents" in without:
+        used[PARENTS : PARENTS + 2 * (channels + 6)] = 0.0
     weights, basis = model.folded_weights.copy(), model.folded_basis.copy()
     for row in np.flatnonzero(seen >= LEAST_BLOCKS).tolist():
-        own = fold @ gram[row] @ fold.T / seen[row]
-        both = fold @ cross[row] @ cosine.T / seen[row]
+        own = fold @ gram[row] @ fold.T / seen[row] * np.outer(used, used)
+        both = fold @ cross[row] @ cosine.T / seen[row] * used[:, None]
         if not keep_weights:
             weights[row] = _weights(own, both, manner.step / float(1 << STEP_BITS))
         fitted = weights[row] / float(1 << WEIGHT_BITS)
         left = cosine @ square[row] @ cosine.T / seen[row]
         left += fitted.T @ own @ fitted - fitted.T @ both - both.T @ fitted
-        basis[row] = _basis(left)
+        if "basis" not in without:
+            basis[row] = _basis(left)
     return replace(model, folded_weights=weights, folded_basis=basis)
 
 

@@ -71,9 +71,16 @@ def _gather_signs(
 
 
 def fit_all_sizes(
-    samples: Sequence[Sample], model: MotionModel, manner: Manner, memories: Iterable[Memory]
+    samples: Sequence[Sample],
+    model: MotionModel,
+    manner: Manner,
+    memories: Iterable[Memory],
+    contexts: bool = True,
 ) -> MotionModel:
-    """Return the model with expected sizes fitted to what closed-loop walks quantise."""
+    """Return the model with expected sizes fitted to what closed-loop walks quantise.
+
+    Without ``contexts`` they depend on the coefficient alone: the senses are zero.
+    """
     signs: list[list[IntArray]] = [[] for _ in range(model.rows)]
     sizes: list[list[IntArray]] = [[] for _ in range(model.rows)]
 
@@ -93,11 +100,12 @@ def fit_all_sizes(
 
     def seen() -> Iterator[tuple[FloatArray, FloatArray]]:
         for row in rows:
-            x, q = np.concatenate(signs[row]) / 256.0, np.abs(np.concatenate(sizes[row]))
+            x = np.concatenate(signs[row]) / np.float64(256.0) * contexts
+            q = np.abs(np.concatenate(sizes[row]))
             if len(x) > MOST_SAMPLES:
                 chosen = rng.choice(len(x), MOST_SAMPLES, replace=False)
                 x, q = x[chosen], q[chosen]
-            yield x, q.astype(np.float64)
+            yield np.asarray(x, np.float64), q.astype(np.float64)
 
     fits = abreast(lambda both: fit_sizes(*both), seen())
     for row, (found_base, found_senses) in zip(rows, fits, strict=True):
