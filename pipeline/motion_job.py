@@ -136,7 +136,7 @@ class MotionJob:
             rig = items[names[0]].rig
             span = usual_span(rig.frame_time)
             rows = 2 * rig.skeleton.joints
-            plain = fixed_model(rows, span)
+            plain = fixed_model(rows, span, hinged=self.families[rig.family_key].hinged)
             self.models[key] = 0, plain
             frames = sum(self.frames[name] for name in names)
             if frames < LEAST_FRAMES or not can_store(rows, span):

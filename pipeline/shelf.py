@@ -62,7 +62,9 @@ class Shelf:
     def model(self, rig: Rig, generation: int) -> MotionModel:
         """Return the model that a rig's clips are coded with. Raises `DamagedError`."""
         if generation == 0:
-            return fixed_model(2 * rig.skeleton.joints, usual_span(rig.frame_time))
+            hinged = self._store.families[rig.family_key].hinged
+            span = usual_span(rig.frame_time)
+            return fixed_model(2 * rig.skeleton.joints, span, hinged=hinged)
         model = self._store.models.get((model_key(rig), generation))
         if model is None:
             raise DamagedError(f"generation {generation} has no motion model for its rig")

@@ -192,7 +192,9 @@ def _read_generation(store: Store, group: Any, generation: int) -> None:
     if "models" in group:
         for name in group["models"]:
             data = bytes(np.asarray(group[f"models/{name}"][:], np.uint8))
-            store.models[name, generation] = read_model(data)
+            founded = store.families.get(name.rpartition("-")[0])
+            hinged = founded.hinged if founded else ()
+            store.models[name, generation] = read_model(data, hinged)
 
 
 def _digests(path: Path) -> dict[str, str]:

@@ -108,7 +108,28 @@ def test_fixed_models_are_the_same_on_every_machine(span: int) -> None:
     assert np.array_equal(model.folded_weights[0], np.rint(fine).astype(np.int64))
     # unfolded again it is what it was made from, but for rounding
     assert np.abs(model.weights[0] / (1 << WEIGHT_BITS) - weights).max() < 2e-3
-    assert np.abs(model.basis[0] / (1 << BASIS_BITS) - cosine_basis(span)).max() < 1e-3
+    basis = model.basis[0] / (1 << BASIS_BITS)
+    assert np.abs(basis @ basis.T - np.eye(channels)).max() < 2e-3
+    # what prediction leaves of a walk that begins at nothing: its covariance is min(t, u), whose
+    # inverse has 2 on the diagonal, but 1 at the end, and -1 beside it
+    walk = np.minimum.outer(np.arange(1, span + 1), np.arange(1, span + 1))
+    left = basis @ np.kron(walk, np.eye(3)) @ basis.T
+    assert np.abs(left - np.diag(np.diag(left))).max() < 5e-3 * left.max()
+    assert (np.diff(np.diag(left)) < 5e-3 * left.max()).all()
+
+
+@pytest.mark.parametrize("span", SPANS)
+def test_hinges_of_a_fixed_model_do_not_follow_their_guides(span: int) -> None:
+    plain, hinged = fixed_model(6, span), fixed_model(6, span, hinged=(1, 2))
+    same = np.array([0, 3, 4, 5])
+    assert np.array_equal(plain.weights[same], hinged.weights[same])
+    own = np.r_[0:15, 21 + 3 * span : feature_count(span)]
+    assert np.array_equal(plain.weights[1][own], hinged.weights[1][own])
+    assert plain.weights[1][15 : 21 + 3 * span].any()
+    assert not hinged.weights[1:3, 15 : 21 + 3 * span].any()
+    assert np.array_equal(read_model(write_model(hinged), (1, 2)).weights, hinged.weights)
+    with pytest.raises(DamagedError, match="rig family"):
+        read_model(write_model(fixed_model(6, span)), (3,))
 
 
 @pytest.mark.parametrize("span", SPANS)

@@ -23,10 +23,10 @@ SIGNS = 10  # what expected sizes are linear in; see `blockcoder.expect`
 GROUPS = 3  # coefficients of a block, by rank: each third has its own sensitivities
 
 
-# Expected sizes of the fixed model, × 256: by course of the cosine transform, and what they are
+# Expected sizes of the fixed model, × 256: by course of its sine transform, and what they are
 # sensitive to. Fitted once to clips of many sources, rates and tolerances, and rounded.
-_FIXED_BASE = (-570, -930, -1480, -1620, -1740, -1600, -1640, -1700, -1500)
-_FIXED_SENSES = (120, 28, 4, 8, -125, 208, 0, 0, 0, 0)
+_FIXED_BASE = (-716, -1409, -1814, -2038, -1882, -1970, -2036, -2008, -1817)
+_FIXED_SENSES = (145, 27, 50, -6, -132, 209, 0, 0, 0, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,7 @@ class MotionModel:
     of a coefficient's expected size in steps is base + senses · signs. ``starts``: (rows, 2,
     3) the same of a first pose's difference, in cm, from the usual pose and from a reference
     clip's. ``still`` and ``sliding``: the joints that are so in most clips; see `nodes`.
+    ``hinged``: those of the family, whose rows of the fixed model differ.
     """
 
     span: int
@@ -53,6 +54,7 @@ class MotionModel:
     starts: IntArray
     still: tuple[int, ...] = ()
     sliding: tuple[int, ...] = ()
+    hinged: tuple[int, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -107,6 +109,25 @@ def cosine_basis(span: int) -> npt.NDArray[np.float64]:
     return np.kron(cosine, np.eye(3))
 
 
+def sine_basis(span: int) -> npt.NDArray[np.float64]:
+    """Return the orthonormal DST-VII of a block of three channels, (coefficients, channels).
+
+    What prediction leaves over is next to nothing beside the last decoded frame, and grows: so
+    do these sines (Han, Saxena, Melkote & Rose, Jointly optimized spatial prediction and block
+    transform for video and image coding, 2012, for pictures beside decoded borders).
+    """
+    k, t = np.meshgrid(2 * np.arange(span) + 1, np.arange(span) + 1, indexing="ij")
+    sine = np.sin(np.pi * k * t / (2 * span + 1)) * 2.0 / np.sqrt(2 * span + 1)
+    return np.kron(sine, np.eye(3))
+
+
+@lru_cache(maxsize=8)
+def _folded_sines(span: int) -> IntArray:
+    """Return the fixed model's folded basis: `sine_basis`, folded, × 2^14."""
+    fine = sine_basis(span) @ cosine_basis(span).T
+    return np.rint(fine * (1 << BASIS_BITS)).astype(np.int64)
+
+
 @lru_cache(maxsize=8)
 def _cosines(span: int) -> IntArray:
     """Return `cosine_basis` × 2^14."""
@@ -134,11 +155,12 @@ def folded(weights: FloatArray, span: int, bits: FloatArray) -> IntArray:
     return np.asarray(np.rint(fine / grain) * grain, np.int64)
 
 
-def fixed_model(rows: int, span: int, up: int = 1) -> MotionModel:
+def fixed_model(rows: int, span: int, up: int = 1, hinged: tuple[int, ...] = ()) -> MotionModel:
     """Return the model of a library too small to learn from.
 
     Prediction: a joint goes on turning as it did in the last frame, less and less, on top of
-    what its guide does; basis: the cosine transform.
+    what its guide does (but one that is ``hinged``, for its guide sees it at rest); basis: a
+    sine transform.
     """
     channels = 3 * span
     weights = np.zeros((1, feature_count(span), channels))
@@ -149,6 +171,8 @@ def fixed_model(rows: int, span: int, up: int = 1) -> MotionModel:
             weights[:, c, 3 * i + c] = -fade[i]  # the own way back one frame
             weights[:, guide + 3 * i + c, 3 * i + c] = 1.0
             weights[:, past + c, 3 * i + c] = fade[i]
+    folded_weights = np.repeat(folded(weights, span, np.zeros(feature_count(span))), rows, axis=0)
+    folded_weights[list(hinged), guide : past + 6] = 0
     course = np.minimum(np.arange(channels) // 3, len(_FIXED_BASE) - 1)
     base = np.tile(np.array(_FIXED_BASE, np.int64)[course], (rows, 1))
     senses = np.tile(np.array(_FIXED_SENSES, np.int64), (rows, GROUPS, 1))
@@ -156,9 +180,10 @@ def fixed_model(rows: int, span: int, up: int = 1) -> MotionModel:
         span,
         usual_lags(span),
         up,
-        np.repeat(folded(weights, span, np.zeros(feature_count(span))), rows, axis=0),
-        np.tile(np.eye(channels, dtype=np.int64) << BASIS_BITS, (rows, 1, 1)),
+        folded_weights,
+        np.tile(_folded_sines(span), (rows, 1, 1)),
         base,
         senses,
         np.tile(np.array([3 * 256, 2 * 256], np.int64)[:, None], (rows, 1, 3)),
+        hinged=hinged,
     )

@@ -33,7 +33,7 @@ def write_model(model: MotionModel) -> bytes:
     writer.number(len(model.sliding))
     for joint in model.sliding:
         writer.number(joint)
-    fixed = fixed_model(1, model.span, model.up)
+    fixed = fixed_model(model.rows, model.span, model.up, model.hinged)
     for row in range(model.rows):
         _write_row(writer, model, row, fixed)
     return writer.to_bytes()
@@ -41,7 +41,7 @@ def write_model(model: MotionModel) -> bytes:
 
 def row_sizes(model: MotionModel) -> FloatArray:
     """Return how many bytes each row (rows,) takes."""
-    fixed = fixed_model(1, model.span, model.up)
+    fixed = fixed_model(model.rows, model.span, model.up, model.hinged)
     sizes = np.zeros(model.rows)
     for row in range(model.rows):
         writer = SymbolWriter()
@@ -54,11 +54,11 @@ def _write_row(writer: SymbolWriter, model: MotionModel, row: int, fixed: Motion
     """Write what of a row is not as in the fixed model, after three flags that say so."""
     tables = (model.folded_weights[row], model.folded_basis[row])
     own = [
-        not np.array_equal(values, usual[0])
+        not np.array_equal(values, usual[row])
         for values, usual in zip(tables, (fixed.folded_weights, fixed.folded_basis), strict=True)
     ]
     sizes = (model.base[row, None], model.senses[row], model.starts[row])
-    usual_sizes = (fixed.base, fixed.senses[0], fixed.starts[0])
+    usual_sizes = (fixed.base[row, None], fixed.senses[row], fixed.starts[row])
     own.append(not all(map(np.array_equal, sizes, usual_sizes)))
     writer.uniform([int(flag) for flag in own], 2)
     for values, written in zip(tables, own, strict=False):
@@ -71,15 +71,20 @@ def _write_row(writer: SymbolWriter, model: MotionModel, row: int, fixed: Motion
             _write_block(writer, values)
 
 
-def read_model(data: bytes) -> MotionModel:
-    """Return the model of `write_model`'s bytes. Raises `DamagedError`."""
+def read_model(data: bytes, hinged: tuple[int, ...] = ()) -> MotionModel:
+    """Return the model of `write_model`'s bytes; ``hinged``: joints of its rig family.
+
+    Raises `DamagedError`.
+    """
     reader = SymbolReader(data)
     span, up, rows = reader.number(), reader.number(), reader.number()
     if span not in (4, 8, 16, 32) or up > 2 or not can_store(rows, span):
         raise DamagedError(f"claims blocks of {span} frames in {rows} rows")
     still = tuple(reader.number() for _ in range(_few(reader.number(), rows)))
     sliding = tuple(reader.number() for _ in range(_few(reader.number(), rows)))
-    model = replace(fixed_model(rows, span, up), still=still, sliding=sliding)
+    if any(2 * joint >= rows for joint in hinged):
+        raise DamagedError(f"has {rows} rows, which are not those of its rig family")
+    model = replace(fixed_model(rows, span, up, hinged), still=still, sliding=sliding)
     for row in range(rows):
         own = reader.uniform(3, 2)
         for values, written in zip((model.folded_weights, model.folded_basis), own, strict=False):
