@@ -13,7 +13,15 @@ from enum import IntEnum
 import typer
 
 from ..codec.errors import MotifoldError
-from . import archive_command, demo_command, info_command, restore_command, verify_command
+from . import (
+    archive_command,
+    demo_command,
+    index_command,
+    info_command,
+    restore_command,
+    search_command,
+    verify_command,
+)
 
 
 class Exit(IntEnum):
@@ -39,6 +47,8 @@ app.command("archive")(archive_command.archive)
 app.command("restore")(restore_command.restore)
 app.command("verify")(verify_command.verify)
 app.command("info")(info_command.info)
+app.command("search")(search_command.search)
+app.command("index")(index_command.index)
 app.command("demo")(demo_command.demo)
 
 

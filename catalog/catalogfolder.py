@@ -1,0 +1,313 @@
+"""The catalog in an archive's folder: what search reads, and nothing else.
+
+::
+
+    ARCHIVE/catalog/CATALOG.json          what is current; replaced atomically
+    ARCHIVE/catalog/vocabulary-000001.npz
+    ARCHIVE/catalog/000001/clips.json     a batch of clips: names, seconds, index files, rigs
+    ARCHIVE/catalog/000001/*.npy          its words, passages and postings
+
+All of it is derived from the archive and can be made again. It must open in a moment, so
+nothing here imports the pipeline, arrays are mapped rather than read, and files are checked by
+their size; `indexing.check_catalog` checks every byte.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from ..codec.clip import FloatArray, IntArray
+from ..codec.errors import DamagedError, NotAnArchiveError, VersionError
+from .bodysignals import PARTS
+from .postings import TERMS, Postings, rareness
+from .vocabulary import Vocabulary, Words, kind_of
+
+FOLDER = "catalog"
+NAME = "CATALOG.json"
+FORMAT = 1
+ARRAYS = ("words", "starts", "spans", "term_starts", "postings", "weights", "norms")
+REBUILD = "Make it again with: motifold index --rebuild"
+
+
+@dataclass(frozen=True)
+class FileRecord:
+    """The size and digest that a file of the catalog was published with."""
+
+    size: int
+    digest: str
+
+
+@dataclass(frozen=True)
+class BatchRecord:
+    """What CATALOG.json says of a batch; ``sizes``: the words of each kind that it knew."""
+
+    folder: str
+    clips: int
+    passages: int
+    sizes: dict[str, int]
+    files: dict[str, FileRecord]
+
+
+@dataclass(frozen=True)
+class CatalogRecord:
+    """The contents of CATALOG.json.
+
+    ``ledger``: digest of the archive's newest ledger when it was written. ``replaced``: index
+    files that newer ones replaced; ``left_out``: clips without words, with the reason.
+    """
+
+    ledger: str = ""
+    vocabulary: str = ""
+    vocabulary_file: FileRecord = FileRecord(0, "")
+    batches: tuple[BatchRecord, ...] = ()
+    replaced: tuple[str, ...] = ()
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """The clips of one batch: ``names``, ``seconds``, ``index`` (digests) and ``rigs``, per clip.
+
+    ``words``: (samples, parts) of all clips, which begin at ``starts`` (clips + 1,). ``spans``:
+    (passages, 3) as by `postings.passages_of`.
+    """
+
+    names: list[str]
+    seconds: list[float]
+    index: list[str]
+    rigs: list[int]
+    words: Words
+    starts: IntArray
+    spans: npt.NDArray[np.int32]
+    postings: Postings
+
+
+def read_record(archive: Path) -> CatalogRecord | None:
+    """Return the contents of CATALOG.json, or None if there is none. Raises `DamagedError`."""
+    path = archive / FOLDER / NAME
+    try:
+        record = json.loads(path.read_text("utf-8"))
+        if record["format"] != FORMAT:
+            raise VersionError(f"catalog format {record['format']}", file=path, advice=REBUILD)
+        batches = tuple(
+            BatchRecord(
+                each["folder"],
+                each["clips"],
+                each["passages"],
+                each["sizes"],
+                _files(each["files"]),
+            )
+            for each in record["batches"]
+        )
+        vocabulary = FileRecord(*record["vocabulary_file"])
+        return CatalogRecord(
+            record["ledger"],
+            record["vocabulary"],
+            vocabulary,
+            batches,
+            tuple(record["replaced"]),
+            record["left_out"],
+        )
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise DamagedError(f"is no catalog ({problem})", file=path, advice=REBUILD) from problem
+
+
+def record_text(record: CatalogRecord) -> str:
+    """Return CATALOG.json as text."""
+    values = {
+        "format": FORMAT,
+        "ledger": record.ledger,
+        "vocabulary": record.vocabulary,
+        "vocabulary_file": [record.vocabulary_file.size, record.vocabulary_file.digest],
+        "batches": [
+            {
+                "folder": batch.folder,
+                "clips": batch.clips,
+                "passages": batch.passages,
+                "sizes": batch.sizes,
+                "files": {name: [file.size, file.digest] for name, file in batch.files.items()},
+            }
+            for batch in record.batches
+        ],
+        "replaced": list(record.replaced),
+        "left_out": record.left_out,
+    }
+    return json.dumps(values, indent=1, sort_keys=True) + "\n"
+
+
+def newest_ledger(archive: Path) -> str:
+    """Return the digest of the archive's newest ledger, "" if it is empty.
+
+    Read here and not by the pipeline, which takes longer to import than a search may take.
+    Raises `NotAnArchiveError` or `DamagedError`.
+    """
+    path = archive / "COMMIT.json"
+    try:
+        jobs = json.loads(path.read_text("utf-8"))["jobs"]
+        return str(jobs[-1]["ledger"]) if jobs else ""
+    except (FileNotFoundError, NotADirectoryError):
+        advice = "Make one with: motifold archive"
+        raise NotAnArchiveError("no motifold archive", file=archive, advice=advice) from None
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise DamagedError(f"cannot be read ({problem})", file=path) from problem
+
+
+class Catalog:
+    """An archive's catalog, open for reading.
+
+    ``problems``: in words, what is damaged; those clips are left out, the others are searched.
+    ``stale``: whether the archive has changed since the catalog was written. Raises
+    `NotAnArchiveError`, `VersionError` or `DamagedError`.
+    """
+
+    def __init__(self, archive: str | Path) -> None:
+        self.archive = Path(archive)
+        ledger = newest_ledger(self.archive)
+        record = read_record(self.archive)
+        if record is None:
+            raise DamagedError(
+                "has no catalog yet", file=self.archive, advice="Make it with: motifold index"
+            )
+        self.record = record
+        self.stale = record.ledger != ledger
+        self.problems: list[str] = []
+        self.vocabulary = read_vocabulary(self.archive, record)
+        self.batches: list[Batch] = []
+        for each in record.batches:
+            try:
+                self.batches.append(read_batch(self.archive / FOLDER, each))
+            except DamagedError as problem:
+                self.problems.append(str(problem))
+        self._offsets = np.cumsum([0, *(len(batch.names) for batch in self.batches)])
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The clips' names by number."""
+        return [name for batch in self.batches for name in batch.names]
+
+    @cached_property
+    def numbers(self) -> dict[str, int]:
+        """The current clips' numbers by name."""
+        return {self.names[number]: int(number) for number in np.flatnonzero(self.current)}
+
+    @cached_property
+    def current(self) -> npt.NDArray[np.bool_]:
+        """(clips,) whether no newer version of a clip replaced it."""
+        old = set(self.record.replaced)
+        if not old:
+            return np.ones(len(self), bool)
+        return np.array([each not in old for batch in self.batches for each in batch.index], bool)
+
+    def __len__(self) -> int:
+        return int(self._offsets[-1])
+
+    def words(self, number: int) -> Words:
+        """Return the words (samples, parts) of a clip."""
+        batch, clip = self._place(number)
+        return batch.words[batch.starts[clip] : batch.starts[clip + 1]]
+
+    def seconds(self, number: int) -> float:
+        """Return how long a clip lasts."""
+        batch, clip = self._place(number)
+        return batch.seconds[clip]
+
+    def rig(self, number: int) -> int:
+        """Return the number of a clip's rig in the archive."""
+        batch, clip = self._place(number)
+        return batch.rigs[clip]
+
+    def offset(self, batch: int) -> int:
+        """Return the number of a batch's first clip."""
+        return int(self._offsets[batch])
+
+    @cached_property
+    def passages(self) -> int:
+        """The number of passages."""
+        return sum(len(batch.spans) for batch in self.batches)
+
+    @cached_property
+    def rareness(self) -> FloatArray:
+        """(terms,) the inverse document frequency of every term."""
+        counts = [batch.postings.frequencies for batch in self.batches]
+        return rareness(np.sum([np.zeros(TERMS, np.int64), *counts], axis=0), self.passages)
+
+    @cached_property
+    def table(self) -> npt.NDArray[np.float32]:
+        """(parts, 256, 256) distances from word to word; 1 where there is none."""
+        out = np.ones((len(PARTS), 256, 256), np.float32)
+        for number, part in enumerate(PARTS):
+            table = self.vocabulary.tables.get(kind_of(part))
+            if table is not None:
+                out[number, : len(table), : len(table)] = table
+        return out
+
+    def _place(self, number: int) -> tuple[Batch, int]:
+        batch = int(np.searchsorted(self._offsets, number, side="right")) - 1
+        return self.batches[batch], number - int(self._offsets[batch])
+
+
+def read_vocabulary(archive: Path, record: CatalogRecord) -> Vocabulary:
+    """Return the vocabulary. Raises `DamagedError`."""
+    path = archive / FOLDER / record.vocabulary
+    if not record.vocabulary:
+        return Vocabulary({}, {}, {})
+    try:
+        if path.stat().st_size != record.vocabulary_file.size:
+            raise ValueError("its size has changed")
+        with np.load(path) as arrays:
+            return Vocabulary.from_arrays(dict(arrays))
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as problem:
+        raise DamagedError(f"cannot be read ({problem})", file=path, advice=REBUILD) from problem
+
+
+def read_batch(folder: Path, record: BatchRecord) -> Batch:
+    """Return a batch, its arrays mapped into memory. Raises `DamagedError`."""
+    path = folder / record.folder
+    try:
+        for name, file in record.files.items():
+            if (path / name).stat().st_size != file.size:
+                raise ValueError(f"the size of {name} has changed")
+        clips: Mapping[str, Any] = json.loads((path / "clips.json").read_text("utf-8"))
+        arrays = {name: np.load(path / f"{name}.npy", mmap_mode="r") for name in ARRAYS}
+    except (OSError, ValueError, KeyError, EOFError) as problem:
+        raise DamagedError(f"cannot be read ({problem})", file=path, advice=REBUILD) from problem
+    starts, term_starts = np.asarray(arrays["starts"]), np.asarray(arrays["term_starts"])
+    whole = (
+        len(starts) == len(clips["names"]) + 1
+        and arrays["words"].shape == (starts[-1], len(PARTS))
+        and arrays["words"].dtype == np.uint8
+        and arrays["norms"].shape == (len(arrays["spans"]), len(PARTS))
+        and len(term_starts) == TERMS + 1
+        and term_starts[-1] == len(arrays["postings"]) == len(arrays["weights"])
+        and term_starts[0] == starts[0] == 0
+        and (np.diff(starts) >= 0).all()
+        and (np.diff(term_starts) >= 0).all()
+    )
+    if not whole:
+        raise DamagedError("its files do not fit together", file=path, advice=REBUILD)
+    postings = Postings(term_starts, arrays["postings"], arrays["weights"], arrays["norms"])
+    return Batch(
+        clips["names"],
+        clips["seconds"],
+        clips["index"],
+        clips["rigs"],
+        arrays["words"],
+        starts,
+        np.asarray(arrays["spans"]),
+        postings,
+    )
+
+
+def _files(record: Mapping[str, Any]) -> dict[str, FileRecord]:
+    return {name: FileRecord(*values) for name, values in record.items()}
