@@ -9,7 +9,7 @@
 
 All of it is derived from the archive and can be made again. It must open in a moment, so
 nothing here imports the pipeline, arrays are mapped rather than read, and files are checked by
-their size; `indexing.check_catalog` checks every byte.
+their size; `catalogcheck.check_catalog` checks every byte.
 """
 
 from __future__ import annotations

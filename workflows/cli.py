@@ -18,6 +18,7 @@ from . import (
     demo_command,
     index_command,
     info_command,
+    report_command,
     restore_command,
     search_command,
     verify_command,
@@ -49,6 +50,7 @@ app.command("verify")(verify_command.verify)
 app.command("info")(info_command.info)
 app.command("search")(search_command.search)
 app.command("index")(index_command.index)
+app.add_typer(report_command.report, name="report")
 app.command("demo")(demo_command.demo)
 
 

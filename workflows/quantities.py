@@ -54,6 +54,14 @@ def parse_seconds(text: str) -> float:
     return float(found[1])
 
 
+def parse_counts(text: str) -> list[int]:
+    """Return counts such as ``10,30,100``. Raises `UsageError`."""
+    try:
+        return [int(word) for word in text.split(",")]
+    except ValueError:
+        raise UsageError(f"{text!r} are no counts", advice="Write them as 10,30,100") from None
+
+
 def show_length(centimetres: float) -> str:
     """Return a length for people, in millimetres below 10 cm."""
     if centimetres < 10.0:
