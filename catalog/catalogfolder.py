@@ -29,7 +29,7 @@ from ..codec.clip import FloatArray, IntArray
 from ..codec.errors import DamagedError, NotAnArchiveError, VersionError
 from .bodysignals import PARTS
 from .postings import TERMS, Postings, rareness
-from .vocabulary import Vocabulary, Words, kind_of
+from .vocabulary import COLUMNS, Vocabulary, Words, kind_of
 
 FOLDER = "catalog"
 NAME = "CATALOG.json"
@@ -77,7 +77,7 @@ class CatalogRecord:
 class Batch:
     """The clips of one batch: ``names``, ``seconds``, ``index`` (digests) and ``rigs``, per clip.
 
-    ``words``: (samples, parts) of all clips, which begin at ``starts`` (clips + 1,). ``spans``:
+    ``words``: (samples, columns) of all clips, which begin at ``starts`` (clips + 1,). ``spans``:
     (passages, 3) as by `postings.passages_of`.
     """
 
@@ -213,7 +213,7 @@ class Catalog:
         return int(self._offsets[-1])
 
     def words(self, number: int) -> Words:
-        """Return the words (samples, parts) of a clip."""
+        """Return the words (samples, columns) of a clip."""
         batch, clip = self._place(number)
         return batch.words[batch.starts[clip] : batch.starts[clip + 1]]
 
@@ -244,10 +244,10 @@ class Catalog:
 
     @cached_property
     def table(self) -> npt.NDArray[np.float32]:
-        """(parts, 256, 256) distances from word to word; 1 where there is none."""
-        out = np.ones((len(PARTS), 256, 256), np.float32)
-        for number, part in enumerate(PARTS):
-            table = self.vocabulary.tables.get(kind_of(part))
+        """(columns, 256, 256) distances from word to word; 1 where there is none."""
+        out = np.ones((len(COLUMNS), 256, 256), np.float32)
+        for number, column in enumerate(COLUMNS):
+            table = self.vocabulary.tables.get(kind_of(column))
             if table is not None:
                 out[number, : len(table), : len(table)] = table
         return out
@@ -285,7 +285,7 @@ def read_batch(folder: Path, record: BatchRecord) -> Batch:
     starts, term_starts = np.asarray(arrays["starts"]), np.asarray(arrays["term_starts"])
     whole = (
         len(starts) == len(clips["names"]) + 1
-        and arrays["words"].shape == (starts[-1], len(PARTS))
+        and arrays["words"].shape == (starts[-1], len(COLUMNS))
         and arrays["words"].dtype == np.uint8
         and arrays["norms"].shape == (len(arrays["spans"]), len(PARTS))
         and len(term_starts) == TERMS + 1

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,16 @@ from .search import (
     Query,
     best_clips,
     clip_scores,
+    column_weights,
     part_weights,
     thinned,
 )
 
-Ranks = Callable[[int], FloatArray]  # number of a query -> scores (clips,), higher is better
+RERANKED = 600
+"""Candidates that are re-ranked here: more than in `search`, because labels leave some out."""
+
+Ranks = Callable[[int], FloatArray]
+"""From the number of a query to the scores (clips,) of all clips, higher ones better."""
 
 
 @dataclass(frozen=True)
@@ -162,8 +167,9 @@ def index_ranks(catalog: Catalog, numbers: IntArray, rerank: bool) -> Ranks:
 
     def rank(query: int) -> FloatArray:
         asked = Query(catalog.words(int(numbers[query])), own=int(numbers[query]))
-        weights = part_weights(asked)
-        scores = clip_scores(catalog, asked, weights, "whole")[numbers]
+        parts = part_weights(asked)
+        weights = column_weights(parts, "whole")
+        scores = clip_scores(catalog, asked, parts, "whole")[numbers]
         if not rerank:
             return scores
         clips, order = best_clips(scores, RERANKED)
@@ -180,10 +186,6 @@ def index_ranks(catalog: Catalog, numbers: IntArray, rerank: bool) -> Ranks:
         return out
 
     return rank
-
-
-RERANKED = 600
-"""Candidates that are re-ranked here: more than in `search`, because labels leave some out."""
 
 
 def baseline_ranks(motions: Sequence[npt.NDArray[np.float32]]) -> Ranks:
@@ -210,40 +212,59 @@ def _moments(motion: npt.NDArray[np.float32]) -> FloatArray:
     return np.concatenate([motion.mean(axis=0).ravel(), motion.std(axis=0).ravel()])
 
 
+@dataclass(frozen=True, eq=False)
+class Remembered:
+    """Scores of some queries, computed once for several tasks, and the seconds each took."""
+
+    scores: Mapping[int, FloatArray]
+    seconds: Mapping[int, float]
+
+
+def remember(
+    rank: Ranks, queries: Sequence[int], progress: Callable[[int, int], None] | None = None
+) -> Remembered:
+    """Return the scores of a slow method for some queries."""
+    scores, seconds = {}, {}
+    rank(queries[0])  # loads what is compiled
+    for number, query in enumerate(queries, 1):
+        start = time.perf_counter()
+        scores[query] = rank(query)
+        seconds[query] = time.perf_counter() - start
+        if progress:
+            progress(number, len(queries))
+    return Remembered(scores, seconds)
+
+
 def compare(
     catalog: Catalog,
     numbers: IntArray,
     motions: Sequence[npt.NDArray[np.float32]],
     task: Task,
-    *,
-    slow_queries: int = 200,
+    slow: Remembered,
     seed: int = 0,
-    tell: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Return the figures of every method for a task, as JSON values.
 
-    All methods but the slowest are measured on all queries, and every method on the same random
-    ``slow_queries`` of them, too.
+    ``numbers``: the labelled clips; ``motions``: their joint positions, as by
+    `bodysignals.faced`. All methods but the slowest are measured on all queries, and every
+    method on the ones that ``slow`` knows, too.
     """
-    queries = range(len(numbers))
-    rng = np.random.default_rng(seed)
-    some = np.sort(rng.choice(len(numbers), min(slow_queries, len(numbers)), replace=False))
+    everything, some = range(len(numbers)), sorted(slow.scores)
     ranks = {
         "index only": index_ranks(catalog, numbers, rerank=False),
         "index, re-ranked": index_ranks(catalog, numbers, rerank=True),
         "mean and deviation": baseline_ranks(motions),
     }
-    for rank in ranks.values():
-        rank(0)  # loads what is compiled
     everywhere, sampled = [], []
     for method, rank in ranks.items():
-        tell(f"{task.name}: {method}")
-        everywhere.append(measure(method, rank, task, queries))
-        sampled.append(measure(method, rank, task, some.tolist()))
-    tell(f"{task.name}: time warping over joint positions")
-    slow = frame_ranks(motions)
-    sampled.append(measure("time warping over joints", slow, task, some.tolist()))
-    for figures, chosen in ((everywhere, list(queries)), (sampled, some.tolist())):
+        rank(0)  # loads what is compiled
+        everywhere.append(measure(method, rank, task, everything))
+        sampled.append(measure(method, rank, task, some))
+    warped_joints = measure("time warping over joints", slow.scores.__getitem__, task, some)
+    times = list(slow.seconds.values())
+    mean, median = float(np.mean(times)), float(np.median(times))
+    sampled.append(replace(warped_joints, seconds=mean, median_seconds=median))
+    for figures, chosen in ((everywhere, list(everything)), (sampled, some)):
         figures.append(chance_figures(task, chosen, seed))
     return {
         "task": task.name,

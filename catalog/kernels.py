@@ -1,7 +1,7 @@
 """The loops of search, compiled: scores from postings, and time warping over words.
 
-Words are compared by a table (parts, 256, 256) of distances, with 1 for what a body lacks;
-``weights`` (parts,) say how much each part counts, and sum to 1.
+Words are compared by a table (columns, 256, 256) of distances, with 1 for what a body lacks;
+``weights`` (columns,) say how much each column counts, and sum to 1.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def add_scores(
 
 @compiled
 def warped(query: Array, clip: Array, table: Array, weights: Array) -> float:
-    """Return the mean distance of two motions, each (samples, parts), warped onto each other.
+    """Return the mean distance of two motions, each (samples, columns), warped onto each other.
 
     Dynamic time warping from end to end with symmetric steps, a diagonal one counting twice
     (Sakoe and Chiba 1978, P = 0).
@@ -61,7 +61,7 @@ def warped(query: Array, clip: Array, table: Array, weights: Array) -> float:
 
 @compiled
 def warped_path(query: Array, clip: Array, table: Array, weights: Array) -> FloatArray:
-    """Return (parts,) the mean distance of each part along the path that `warped` takes."""
+    """Return (columns,) the mean distance of each column along the path that `warped` takes."""
     wide, long, parts = len(query), len(clip), len(weights)
     total = np.full((wide + 1, long + 1), FAR)
     step = np.zeros((wide + 1, long + 1), np.int8)

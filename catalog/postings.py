@@ -75,8 +75,9 @@ def shares(
 ) -> npt.NDArray[np.float32]:
     """Return (passages, terms) each term's share of its part's words, small ones left out.
 
-    ``words``: (samples, parts); ``firsts``, ``lasts``: (passages,) first and last sample
-    (exclusive); ``softness``: per part, as by `Vocabulary.softness`.
+    ``words``: (samples, columns), of which the movements count; ``firsts``, ``lasts``:
+    (passages,) first and last sample (exclusive); ``softness``: per part, as by
+    `Vocabulary.softness`.
     """
     counts = lasts - firsts
     owner = np.repeat(np.arange(len(counts)), counts)
@@ -114,7 +115,7 @@ def make_postings(
 ) -> Postings:
     """Return the postings of the passages ``spans`` of clips.
 
-    ``words``: (samples, parts) of all clips, which begin at ``starts``. ``before``: in how many
+    ``words``: (samples, columns) of all clips, which begin at ``starts``. ``before``: in how many
     passages of earlier batches each term is, and how many those are.
     """
     terms, passages, weights = [], [], []

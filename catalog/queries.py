@@ -42,8 +42,8 @@ def ask(
     weights = parse_parts(parts)
     number = _find(catalog, text)
     if number is not None:
-        words, margin = cut_query(catalog.words(number), start, stop)
-        asked = Asked(Query(words, weights, number, margin))
+        words = cut_query(catalog.words(number), start, stop)
+        asked = Asked(Query(words, weights, number))
     else:
         asked = _from_file(catalog, Path(text), start, stop)
         asked = replace(asked, query=replace(asked.query, weights=weights))

@@ -25,7 +25,8 @@ Mode = Literal["whole", "windows"]
 Rerank = Literal["dtw", "none"]
 
 CANDIDATES = 300  # clips that are compared word by word
-WARP_WEIGHT = 0.3  # of the warped distance, in medians of the candidates, beside the postings
+WARP_WEIGHT = 0.15  # of the warped distance, in medians of the candidates, beside the postings
+POSTURE_SHARE = {"whole": 0.5, "windows": 0.7}  # of a distance; the rest is movement
 MOST_SAMPLES = 600  # longer clips are compared at every second, third … sample
 
 
@@ -33,15 +34,14 @@ MOST_SAMPLES = 600  # longer clips are compared at every second, third … sampl
 class Query:
     """What is searched for.
 
-    ``words``: (samples, parts). ``weights``: how much each part counts; parts that are not
+    ``words``: (samples, columns). ``weights``: how much each part counts; parts that are not
     named count nothing. ``own``: number of the clip that it is from, which is left out of the
-    hits. ``margin``: samples cut from both ends of the span that was asked for.
+    hits.
     """
 
     words: Words
     weights: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(PARTS, 1.0))
     own: int | None = None
-    margin: int = 0
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,15 @@ class Hit:
     parts: dict[str, float]
 
 
-def cut_query(words: Words, start: float | None, stop: float | None) -> tuple[Words, int]:
-    """Return the words between two times in seconds, and how many are cut off at both ends.
+def cut_query(words: Words, start: float | None, stop: float | None) -> Words:
+    """Return the words between two times in seconds.
 
-    A word says what happens in the window about it; so words near the ends, which look beyond
-    them, are cut off where the span is long enough. Raises `UsageError` for an empty span.
+    A movement is what happens in the window about a sample; so those near the ends, which look
+    beyond them, are left out where the span is long enough. Raises `UsageError` for an empty
+    span.
     """
     if start is None and stop is None:
-        return words, 0
+        return words
     first = 0 if start is None else round(start * RATE)
     last = len(words) if stop is None else min(round(stop * RATE) + 1, len(words))
     if first < 0 or first >= last:
@@ -75,8 +76,11 @@ def cut_query(words: Words, start: float | None, stop: float | None) -> tuple[Wo
             f"there is nothing: the clip lasts {max(len(words) - 1, 0) / RATE:g} s",
             advice="Choose another --from and --to",
         )
-    margin = WINDOW // 2 if last - first >= 2 * WINDOW - WINDOW // 2 else 0
-    return words[first + margin : last - margin], margin
+    span = np.array(words[first:last])
+    margin = WINDOW // 2
+    if len(span) > 3 * margin:
+        span[:margin, : len(PARTS)] = span[-margin:, : len(PARTS)] = NO_WORD
+    return span
 
 
 def search(
@@ -93,8 +97,9 @@ def search(
     that is like it. ``rerank``: ``dtw``, or ``none`` for the order of the postings (for windows:
     of spans compared without warping). Raises `UsageError` for a query without words.
     """
-    weights = part_weights(query)
-    scores = clip_scores(catalog, query, weights, mode)
+    parts = part_weights(query)
+    weights = column_weights(parts, mode)
+    scores = clip_scores(catalog, query, parts, mode)
     clips, order = best_clips(
         scores, max(CANDIDATES, top) if rerank == "dtw" or mode == "windows" else top
     )
@@ -121,7 +126,7 @@ def part_weights(query: Query) -> FloatArray:
     unknown = sorted(set(query.weights) - set(PARTS))
     if unknown:
         raise UsageError(f"there is no part {unknown[0]!r}", advice=f"Parts: {', '.join(PARTS)}")
-    has = (query.words != NO_WORD).any(axis=0)
+    has = (query.words[:, : len(PARTS)] != NO_WORD).any(axis=0)
     weights = np.array([float(query.weights.get(part, 0.0)) for part in PARTS]) * has
     if not (np.isfinite(weights).all() and (weights >= 0.0).all() and weights.sum() > 0.0):
         raise UsageError(
@@ -129,6 +134,12 @@ def part_weights(query: Query) -> FloatArray:
             advice=f"Parts that are searched: {', '.join(PARTS)}",
         )
     return np.asarray(weights / weights.sum())
+
+
+def column_weights(weights: FloatArray, mode: Mode) -> FloatArray:
+    """Return how much movements and postures count (columns,), from the weights of parts."""
+    share = POSTURE_SHARE[mode]
+    return np.concatenate([(1.0 - share) * weights, share * weights])
 
 
 def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode) -> FloatArray:
@@ -195,13 +206,14 @@ def _hit(
     words, seconds = catalog.words(clip), catalog.seconds(clip)
     first, last = spans.get(clip, (0, len(words)))
     gaps = warped_path(*thinned(query.words, words[first:last]), catalog.table, weights)
+    gaps = (gaps * weights).reshape(2, -1).sum(axis=0)
+    counted = np.maximum(weights.reshape(2, -1).sum(axis=0), 1e-9)
     parts = {
-        part: round(float(np.clip(1.0 - gaps[number], 0.0, 1.0)), 3)
+        part: round(float(np.clip(1.0 - gaps[number] / counted[number], 0.0, 1.0)), 3)
         for number, part in enumerate(PARTS)
         if weights[number] > 0
     }
     start, stop = 0.0, seconds
     if clip in spans:
-        start = max(0.0, (first - query.margin) / RATE)
-        stop = min(seconds, (last - 1 + query.margin) / RATE)
+        start, stop = first / RATE, min(seconds, (last - 1) / RATE)
     return Hit(catalog.names[clip], round(start, 3), round(stop, 3), round(score, 4), parts)

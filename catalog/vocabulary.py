@@ -1,9 +1,10 @@
 """The words of motion: per kind of body part, patterns that a second of its movement is like.
 
-A word describes how a part moves more than how far: windows are scaled to almost the same
-size, so that a tired and a lively wave are one word. The arms share their words, and so do the
-legs, seen in a mirror; the spine, the head and the root learn theirs from mirrored motion too.
-So every word has a mirror image.
+There are two sorts. A *movement* describes how a part moves more than how far: windows are
+scaled to almost the same size, so that a tired and a lively wave are one word. A *posture* is
+where a part is at a moment, in centimetres: how an elderly and a youthful walk differ. The arms
+share their words, and so do the legs, seen in a mirror; the spine, the head and the root learn
+theirs from mirrored motion too. So every word has a mirror image.
 """
 
 from __future__ import annotations
@@ -21,10 +22,16 @@ from .bodysignals import PARTS, Signals, mirror_signs
 
 Words = npt.NDArray[np.uint8]
 
+_POSTURE = "_posture"
+COLUMNS = (*PARTS, *(part + _POSTURE for part in PARTS))
+"""What a moment has words for: the movement of each part, then the posture of each."""
 KINDS = ("root", "spine", "head", "arm", "leg")
+KINDS = (*KINDS, *(kind + _POSTURE for kind in KINDS))
 NO_WORD = 255
 """In the place of a word where the body lacks the part."""
-WORDS = 64  # of a kind, learned at first
+WORDS = 64  # of a kind of movement, learned at first
+POSTURES = 128  # of a kind of posture
+POSTURE_SCALE = 50.0  # centimetres between postures that count like two movements at random
 MOST_WORDS = 192  # of a kind, ever
 WINDOW = 9  # samples: 0.9 seconds
 STRENGTH = 0.25  # exponent of a window's size: 1 would keep it, 0 would drop it
@@ -39,18 +46,22 @@ _GROWTH = 16  # words that are added at a time
 
 
 def kind_of(part: str) -> str:
-    """Return the kind of a part: ``arm`` for ``left_arm``."""
+    """Return the kind of one of `COLUMNS`: ``arm`` for ``left_arm``."""
     return part.removeprefix("left_").removeprefix("right_")
 
 
-def windows_of(part: str, signal: FloatArray) -> FloatArray:
-    """Return (samples, features) what a part does in the window about each of its samples.
+def features_of(column: str, signal: FloatArray) -> FloatArray:
+    """Return (samples, features) what words are made of, one of `COLUMNS`.
 
-    ``signal``: (samples, channels), as by `bodysignals`; right sides are mirrored. Beyond its
-    ends a clip stands still.
+    ``signal``: (samples, channels) of the part, as by `bodysignals`; right sides are mirrored.
+    Of a movement: what the part does in the window about each sample; beyond its ends a clip
+    stands still. Of a posture: the signal.
     """
+    part = column.removesuffix(_POSTURE)
     if part.startswith("right_"):
         signal = signal * mirror_signs(part, signal.shape[1])
+    if column != part:
+        return signal
     near = np.arange(WINDOW) - WINDOW // 2
     spans = signal[np.clip(np.arange(len(signal))[:, None] + near, 0, len(signal) - 1)]
     mean = spans.mean(axis=1, keepdims=True)
@@ -81,12 +92,12 @@ class Vocabulary:
 
     @cached_property
     def tables(self) -> dict[str, FloatArray]:
-        """Per kind, the distances (words, words) from word to word; 1 for two at random."""
+        """Per kind, the distances (words, words): of movements 1 for two at random."""
         found = {}
         for kind, centres in self.centres.items():
             square = _squares(centres, centres)
-            mean = np.sqrt(square).mean()
-            found[kind] = np.sqrt(square) / (mean if mean > 0 else 1.0)
+            mean = float(np.sqrt(square).mean()) or 1.0
+            found[kind] = np.sqrt(square) / (POSTURE_SCALE if kind.endswith(_POSTURE) else mean)
         return found
 
     @cached_property
@@ -95,7 +106,7 @@ class Vocabulary:
         found = {}
         for kind, centres in self.centres.items():
             image = np.arange(len(centres))
-            if kind not in ("arm", "leg"):
+            if _central(kind):
                 image = _squares(centres * _feature_signs(kind, centres), centres).argmin(axis=1)
             found[kind] = image.astype(np.uint8)
         return found
@@ -113,26 +124,28 @@ class Vocabulary:
         return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
     def words_of(self, signals: Signals) -> Words:
-        """Return (samples, parts) the word of each of `PARTS` at each sample; see `NO_WORD`."""
+        """Return (samples, columns) the word of each of `COLUMNS` at each sample, or `NO_WORD`."""
         samples = max((len(signal) for signal in signals.values()), default=0)
-        out = np.full((samples, len(PARTS)), NO_WORD, np.uint8)
-        for column, part in enumerate(PARTS):
-            centres = self.centres.get(kind_of(part))
-            if part in signals and centres is not None:
-                gaps = _squares(windows_of(part, signals[part]), centres)
-                out[:, column] = gaps.argmin(axis=1)
+        out = np.full((samples, len(COLUMNS)), NO_WORD, np.uint8)
+        for number, column in enumerate(COLUMNS):
+            signal = signals.get(column.removesuffix(_POSTURE))
+            centres = self.centres.get(kind_of(column))
+            if signal is not None and centres is not None:
+                gaps = _squares(features_of(column, signal), centres)
+                out[:, number] = gaps.argmin(axis=1)
         return out
 
     def mirrored(self, words: Words) -> Words:
-        """Return the words (samples, parts) of the mirror image of a motion."""
+        """Return the words (samples, columns) of the mirror image of a motion."""
         swapped = {"left": "right", "right": "left"}
         out = np.full_like(words, NO_WORD)
-        for column, part in enumerate(PARTS):
-            side, _, limb = part.partition("_")
-            source = words[:, PARTS.index(f"{swapped[side]}_{limb}" if limb else part)]
+        for number, column in enumerate(COLUMNS):
+            side, _, limb = column.partition("_")
+            other = f"{swapped[side]}_{limb}" if side in swapped else column
+            source = words[:, COLUMNS.index(other)]
             known = source != NO_WORD
             if known.any():
-                out[known, column] = self.mirrors[kind_of(part)][source[known]]
+                out[known, number] = self.mirrors[kind_of(column)][source[known]]
         return out
 
     def grown(self, bodies: Sequence[Signals], seed: int = 0) -> Vocabulary:
@@ -151,7 +164,7 @@ class Vocabulary:
             room = min(_GROWTH, MOST_WORDS - len(centres[kind]), len(strange) // 20)
             if len(strange) >= _STRANGERS and room > 0:
                 new = KMeans(room, n_init=1, random_state=seed).fit(strange).cluster_centers_
-                if kind not in ("arm", "leg"):
+                if _central(kind):
                     new = np.concatenate([new, new * _feature_signs(kind, new)])
                 centres[kind] = np.concatenate([centres[kind], new.astype(np.float32)])
         return Vocabulary(centres, usual, far)
@@ -184,8 +197,10 @@ def learn_vocabulary(bodies: Sequence[Signals], seed: int = 0) -> Vocabulary:
 def _by_kind(bodies: Sequence[Signals]) -> dict[str, FloatArray]:
     found: dict[str, list[FloatArray]] = {}
     for signals in bodies:
-        for part, signal in signals.items():
-            found.setdefault(kind_of(part), []).append(windows_of(part, signal))
+        for column in COLUMNS:
+            signal = signals.get(column.removesuffix(_POSTURE))
+            if signal is not None:
+                found.setdefault(kind_of(column), []).append(features_of(column, signal))
     return {kind: np.concatenate(found[kind]) for kind in KINDS if kind in found}
 
 
@@ -196,10 +211,11 @@ def _learned(features: FloatArray, kind: str, seed: int) -> tuple[FloatArray, fl
     rng = np.random.default_rng(seed)
     if len(features) > _SAMPLE:
         features = features[np.sort(rng.choice(len(features), _SAMPLE, replace=False))]
-    if kind not in ("arm", "leg"):
+    if _central(kind):
         features = np.concatenate([features, features * _feature_signs(kind, features)])
-    distinct = len(np.unique(features, axis=0)) if len(features) < 2 * WORDS else len(features)
-    count = min(WORDS, distinct)
+    wanted = POSTURES if kind.endswith(_POSTURE) else WORDS
+    distinct = len(np.unique(features, axis=0)) if len(features) < 2 * wanted else len(features)
+    count = min(wanted, distinct)
     model = MiniBatchKMeans(count, n_init=1, random_state=seed, batch_size=4096, max_iter=30)
     centres = model.fit(features).cluster_centers_.astype(np.float32).astype(np.float64)
     gaps = _squares(features, centres).min(axis=1)
@@ -208,8 +224,14 @@ def _learned(features: FloatArray, kind: str, seed: int) -> tuple[FloatArray, fl
 
 
 def _feature_signs(kind: str, features: FloatArray) -> FloatArray:
-    channels = features.shape[1] // (WINDOW + 1)
-    return np.tile(mirror_signs(kind, channels), WINDOW + 1)
+    times = 1 if kind.endswith(_POSTURE) else WINDOW + 1
+    part = kind.removesuffix(_POSTURE)
+    return np.tile(mirror_signs(part, features.shape[1] // times), times)
+
+
+def _central(kind: str) -> bool:
+    """Return whether a kind has no sides, and so must hold the mirror images of its words."""
+    return kind.removesuffix(_POSTURE) not in ("arm", "leg")
 
 
 def _squares(some: FloatArray, others: FloatArray) -> FloatArray:
