@@ -100,7 +100,7 @@ def _points(clip: Clip, parts: tuple[BodyPart, ...]) -> tuple[FloatArray, Points
         size = marker_head_diagonal(clip.names, clip.positions) if clip.frames else USUAL_HEAD
         chosen = _marker_points(named)
         points = joint_points(clip)
-        lost = np.isnan(points).any(axis=(0, 2))
+        lost = np.asarray(np.isnan(points).any(axis=(0, 2)))
         chosen = {name: at for name, at in chosen.items() if not lost[at].any()}
         return points, chosen, size
     ends = {
@@ -123,8 +123,8 @@ def _joint_points(parts: dict[str, BodyPart], ends: dict[int, int]) -> Points:
         side, _, limb = name.partition("_")
         if limb not in _FOLLOWS:
             continue
-        last = parts.get(f"{side}_{_FOLLOWS[limb]}")
-        tip = last.joints[0] if last else ends.get(part.joints[-1], part.joints[-1])
+        end = parts.get(f"{side}_{_FOLLOWS[limb]}")
+        tip = end.joints[0] if end else ends.get(part.joints[-1], part.joints[-1])
         chosen[name] = [part.joints[0], part.reference, tip]
     return chosen
 

@@ -132,10 +132,14 @@ def measure(method: str, rank: Ranks, task: Task, queries: Iterable[int]) -> Fig
         order = np.argsort(-scores, kind="stable")
         values.append(ranking_figures(right[order[allowed[order]]]))
     means = np.mean(values, axis=0) if values else np.zeros(4)
+    first, ten, average, gain = (float(mean) for mean in means)
     return Figures(
         method,
         len(values),
-        *(float(mean) for mean in means),
+        first,
+        ten,
+        average,
+        gain,
         float(np.mean(seconds)) if seconds else 0.0,
         float(np.median(seconds)) if seconds else 0.0,
     )

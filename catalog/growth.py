@@ -28,11 +28,6 @@ from ..pipeline.run import archive_library
 from ..pipeline.store import NAME as STORE
 
 TEXT_BYTES = 10  # of a number as text: "-12.34567 ", as the papers' text files hold them
-BASELINES = {
-    "source": "the source files, byte by byte",
-    "text": f"the numbers that vary, as text of {TEXT_BYTES} bytes each",
-    "float32": "the numbers that vary, as float32",
-}
 
 
 @dataclass(frozen=True)

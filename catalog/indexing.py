@@ -120,7 +120,7 @@ def publish(folder: Path, record: CatalogRecord, vocabulary: Vocabulary, clips: 
     if clips:
         batches.append(_write_batch(place, f"{number:06d}", vocabulary, clips, before))
         data = io.BytesIO()
-        np.savez_compressed(data, **vocabulary.to_arrays())
+        np.savez_compressed(data, allow_pickle=False, **vocabulary.to_arrays())
         name = f"vocabulary-{number:06d}.npz"
         write_whole(place / name, data.getvalue())
         file = FileRecord(len(data.getvalue()), digest(data.getvalue()))
@@ -232,7 +232,7 @@ def _write_batch(
     files = {"clips.json": json.dumps(records, separators=(",", ":")).encode()}
     for array, value in zip(ARRAYS, values, strict=True):
         data = io.BytesIO()
-        np.save(data, value)
+        np.save(data, np.asarray(value))
         files[f"{array}.npy"] = data.getvalue()
     with writing(folder):
         shutil.rmtree(folder, ignore_errors=True)

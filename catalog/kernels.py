@@ -56,7 +56,7 @@ def warped(query: Array, clip: Array, table: Array, weights: Array) -> float:
                 cost += weights[part] * table[part, query[i, part], clip[j, part]]
             now[j + 1] = min(before[j] + 2.0 * cost, before[j + 1] + cost, now[j] + cost)
         before, now = now, before
-    return before[long] / (len(query) + long)
+    return float(before[long] / (len(query) + long))
 
 
 @compiled

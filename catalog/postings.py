@@ -139,7 +139,7 @@ def make_postings(
     norms = np.bincount(place, squares, minlength=len(spans) * len(PARTS))
     return Postings(
         np.concatenate([[0], np.cumsum(frequencies)]),
-        passage[order],
+        passage[order].astype(np.uint32),
         weight[order],
         norms.reshape(-1, len(PARTS)).astype(np.float32),
     )

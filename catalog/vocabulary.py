@@ -25,8 +25,8 @@ Words = npt.NDArray[np.uint8]
 _POSTURE = "_posture"
 COLUMNS = (*PARTS, *(part + _POSTURE for part in PARTS))
 """What a moment has words for: the movement of each part, then the posture of each."""
-KINDS = ("root", "spine", "head", "arm", "leg")
-KINDS = (*KINDS, *(kind + _POSTURE for kind in KINDS))
+_KINDS = ("root", "spine", "head", "arm", "leg")
+KINDS = (*_KINDS, *(kind + _POSTURE for kind in _KINDS))
 NO_WORD = 255
 """In the place of a word where the body lacks the part."""
 WORDS = 64  # of a kind of movement, learned at first

@@ -64,7 +64,10 @@ def compare_windows(
     ``groups``: per clip, what must be equal for one to be another take of the other.
     """
     place = {catalog.names[number]: clip for clip, number in enumerate(numbers.tolist())}
-    slow = [resampled(motion, dt) for motion, dt in zip(motions, frame_times, strict=True)]
+    slow = [
+        resampled(motion.astype(np.float64), dt)
+        for motion, dt in zip(motions, frame_times, strict=True)
+    ]
     flat = [motion.reshape(len(motion), -1) for motion in motions]
     rng = np.random.default_rng(seed)
 
@@ -166,7 +169,8 @@ def _measured(
         values.append(_figures(right, takes))
     means = np.mean(values, axis=0)
     times = float(np.mean(seconds)), float(np.median(seconds))
-    return Figures(method, len(values), *(float(mean) for mean in means), *times)
+    first, ten, average, gain = (float(mean) for mean in means)
+    return Figures(method, len(values), first, ten, average, gain, *times)
 
 
 def _figures(right: npt.NDArray[np.bool_], takes: int) -> tuple[float, float, float, float]:

@@ -16,6 +16,7 @@ from ..codec.errors import MotifoldError
 from . import (
     archive_command,
     demo_command,
+    duplicates_command,
     evaluate_command,
     index_command,
     info_command,
@@ -50,6 +51,7 @@ app.command("restore")(restore_command.restore)
 app.command("verify")(verify_command.verify)
 app.command("info")(info_command.info)
 app.command("search")(search_command.search)
+app.command("duplicates")(duplicates_command.duplicates)
 app.command("evaluate")(evaluate_command.evaluate)
 app.command("index")(index_command.index)
 app.add_typer(report_command.report, name="report")

@@ -64,9 +64,9 @@ def growth(
     lengths = lengths or sorted({point.tolerance for point in points})
     line = ProgressLine()
     again: list[GrowthPoint] = []
-    for length in lengths if sizes and library else ():
+    for length in lengths if sizes else ():
         again += archive_again(
-            library,
+            library or Path(),
             sizes,
             Settings(tolerance=length),
             workers=workers,
@@ -111,3 +111,42 @@ def _show_points(title: str, points: list[GrowthPoint]) -> None:
             ]
         )
     show_table(rows, header=True)
+
+
+@report.command("library")
+def library(archive: _ARCHIVE, html: _HTML = None, json: _JSON = False) -> None:
+    """Show what is in ARCHIVE: clips, hours, rigs, repairs, patterns, clips like no other."""
+    from ..catalog.catalogfolder import Catalog
+    from ..catalog.library_report import library_page, library_record
+    from ..pipeline.archive import Archive
+
+    catalog = Catalog(archive)
+    with Archive(archive) as opened:
+        record = library_record(opened, catalog)
+    if html is not None:
+        html.write_text(library_page(record, catalog), "utf-8")
+    if json:
+        show_json(record)
+        return
+    show_table(
+        [
+            ["clips", f"{record['clips']:,}"],
+            ["hours", f"{record['hours']:.2f}"],
+            *([f"clips at {rate}", f"{count:,}"] for rate, count in record["frame_rates"].items()),
+            *([f"repaired: {each['what']}", f"{each['files']:,}"] for each in record["repairs"]),
+        ]
+    )
+    rigs = [["rig", "kind", "format", "joints", "clips"]]
+    rigs += [[str(value) for value in each.values()] for each in record["rigs"]]
+    largest = [["largest clips", "bytes", "seconds"]]
+    largest += [
+        [each["clip"], f"{each['bytes']:,}", f"{each['seconds']:.2f}"] for each in record["largest"]
+    ]
+    unlike = [["unlike everything else", "likeness", "nearest"]]
+    unlike += [
+        [each["clip"], f"{each['likeness']:.3f}", each["nearest"]]
+        for each in record["unlike_all_others"]
+    ]
+    for rows in (rigs, largest, unlike):
+        print()
+        show_table(rows, header=True)
