@@ -37,9 +37,9 @@ def check_catalog(folder: str | Path, archive: Archive, *, decode: bool = False)
         for name, file in files_of(record)
         if digest((path / FOLDER / name).read_bytes()) != file.digest
     ]
-    indexed = {index for batch in batches for index in batch.index} - set(record.replaced)
+    indexed = {key for batch in batches for key in batch.keys} - set(record.replaced)
     for row, _ in archive.rows.values():
-        if row.index not in indexed and row.name not in record.left_out:
+        if (row.name, row.index) not in indexed and row.name not in record.left_out:
             wrong.append(f"{row.name} is not in the catalog. Add it with: motifold index")
     before = np.zeros(TERMS, np.int64), 0
     for each, batch in zip(record.batches, batches, strict=True):
@@ -65,7 +65,7 @@ def _other_words(
     batch: Batch,
     vocabulary: Vocabulary,
     record: BatchRecord,
-    replaced: set[str],
+    replaced: set[tuple[str, str]],
 ) -> Iterator[str]:
     """Yield which clips of a batch have other words than those that it says."""
     then = Vocabulary(
@@ -74,7 +74,7 @@ def _other_words(
         vocabulary.far,
     )
     for number, name in enumerate(batch.names):
-        if batch.index[number] in replaced or name not in archive:
+        if batch.keys[number] in replaced or name not in archive:
             continue
         clip = archive[name]
         said = batch.words[batch.starts[number] : batch.starts[number + 1]]

@@ -61,15 +61,16 @@ class BatchRecord:
 class CatalogRecord:
     """The contents of CATALOG.json.
 
-    ``ledger``: digest of the archive's newest ledger when it was written. ``replaced``: index
-    files that newer ones replaced; ``left_out``: clips without words, with the reason.
+    ``ledger``: digest of the archive's newest ledger when it was written. ``replaced``: names
+    and index files of clips that newer ones replaced; ``left_out``: clips without words, with
+    the reason.
     """
 
     ledger: str = ""
     vocabulary: str = ""
     vocabulary_file: FileRecord = FileRecord(0, "")
     batches: tuple[BatchRecord, ...] = ()
-    replaced: tuple[str, ...] = ()
+    replaced: tuple[tuple[str, str], ...] = ()
     left_out: dict[str, str] = field(default_factory=dict)
 
 
@@ -89,6 +90,11 @@ class Batch:
     starts: IntArray
     spans: npt.NDArray[np.int32]
     postings: Postings
+
+    @property
+    def keys(self) -> list[tuple[str, str]]:
+        """The name and the index file of each clip."""
+        return list(zip(self.names, self.index, strict=True))
 
 
 def read_record(archive: Path) -> CatalogRecord | None:
@@ -114,7 +120,7 @@ def read_record(archive: Path) -> CatalogRecord | None:
             record["vocabulary"],
             vocabulary,
             batches,
-            tuple(record["replaced"]),
+            tuple((name, index) for name, index in record["replaced"]),
             record["left_out"],
         )
     except FileNotFoundError:
@@ -207,7 +213,7 @@ class Catalog:
         old = set(self.record.replaced)
         if not old:
             return np.ones(len(self), bool)
-        return np.array([each not in old for batch in self.batches for each in batch.index], bool)
+        return np.array([key not in old for batch in self.batches for key in batch.keys], bool)
 
     def __len__(self) -> int:
         return int(self._offsets[-1])

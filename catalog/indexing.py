@@ -71,9 +71,9 @@ def update_catalog(
     path = Path(folder)
     record = CatalogRecord() if rebuild else _readable(path)
     with Archive(path) as archive:
-        rows = {row.index: row for row, _ in archive.rows.values()}
+        rows = {(row.name, row.index): row for row, _ in archive.rows.values()}
         known = _indexed(path, record)
-        todo = [row.name for index, row in rows.items() if index not in known]
+        todo = [row.name for key, row in rows.items() if key not in known]
         replaced = tuple(sorted(known - rows.keys()))
         ledger = newest_ledger(path)
         if not todo and (record.ledger, record.replaced) == (ledger, replaced):
@@ -114,7 +114,7 @@ def publish(folder: Path, record: CatalogRecord, vocabulary: Vocabulary, clips: 
     new = len(clips)
     if clips and len(batches) >= MOST_BATCHES:
         old = set(record.replaced)
-        clips = [each for each in _clips_of(place, record) if each[1] not in old] + list(clips)
+        clips = [each for each in _clips_of(place, record) if each[:2] not in old] + list(clips)
         batches, before = [], (np.zeros(TERMS, np.int64), 0)
         record = replace(record, replaced=())
     if clips:
@@ -144,9 +144,9 @@ def _readable(path: Path) -> CatalogRecord:
     return record
 
 
-def _indexed(path: Path, record: CatalogRecord) -> set[str]:
-    """Return the index files that have words."""
-    return {index for batch in record.batches for index in read_batch(path / FOLDER, batch).index}
+def _indexed(path: Path, record: CatalogRecord) -> set[tuple[str, str]]:
+    """Return the clips that have words: name and index file."""
+    return {key for batch in record.batches for key in read_batch(path / FOLDER, batch).keys}
 
 
 class _Steps:
