@@ -37,6 +37,8 @@ def check_catalog(folder: str | Path, archive: Archive, *, decode: bool = False)
         for name, file in files_of(record)
         if digest((path / FOLDER / name).read_bytes()) != file.digest
     ]
+    if wrong:
+        return wrong
     indexed = {key for batch in batches for key in batch.keys} - set(record.replaced)
     for row, _ in archive.rows.values():
         if (row.name, row.index) not in indexed and row.name not in record.left_out:
