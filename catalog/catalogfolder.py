@@ -28,7 +28,7 @@ import numpy.typing as npt
 from ..codec.clip import FloatArray, IntArray
 from ..codec.errors import DamagedError, NotAnArchiveError, VersionError
 from .bodysignals import PARTS
-from .postings import TERMS, Postings, rareness
+from .postings import TERMS, Postings, rareness, softness_of
 from .vocabulary import COLUMNS, Vocabulary, Words, kind_of
 
 FOLDER = "catalog"
@@ -95,6 +95,16 @@ class Batch:
     def keys(self) -> list[tuple[str, str]]:
         """The name and the index file of each clip."""
         return list(zip(self.names, self.index, strict=True))
+
+    @cached_property
+    def first_passages(self) -> IntArray:
+        """(clips,) the number of each clip's first passage."""
+        return np.searchsorted(self.spans[:, 0], np.arange(len(self.names)))
+
+    @cached_property
+    def passage_counts(self) -> IntArray:
+        """(clips,) the number of passages of each clip."""
+        return np.bincount(self.spans[:, 0], minlength=len(self.names))
 
 
 def read_record(archive: Path) -> CatalogRecord | None:
@@ -245,8 +255,18 @@ class Catalog:
     @cached_property
     def rareness(self) -> FloatArray:
         """(terms,) the inverse document frequency of every term."""
+        return rareness(self.frequencies, self.passages)
+
+    @cached_property
+    def frequencies(self) -> IntArray:
+        """(terms,) how many passages hold each term."""
         counts = [batch.postings.frequencies for batch in self.batches]
-        return rareness(np.sum([np.zeros(TERMS, np.int64), *counts], axis=0), self.passages)
+        return np.asarray(np.sum([np.zeros(TERMS, np.int64), *counts], axis=0))
+
+    @cached_property
+    def softness(self) -> list[FloatArray]:
+        """Per part, how much its words count for each other."""
+        return softness_of(self.vocabulary, self.vocabulary.sizes)
 
     @cached_property
     def table(self) -> npt.NDArray[np.float32]:

@@ -18,13 +18,14 @@ from ..codec.errors import UsageError
 from .bodysignals import PARTS, RATE
 from .catalogfolder import Catalog
 from .kernels import add_scores, slid_inside, warped, warped_inside, warped_path
-from .postings import SCALE, TERMS_A_PART, shares, softness_of
+from .postings import SCALE, TERMS_A_PART, shares
 from .vocabulary import NO_WORD, WINDOW, Words
 
 Mode = Literal["whole", "windows"]
 Rerank = Literal["dtw", "none"]
 
 CANDIDATES = 300  # clips that are compared word by word
+LOOKED_UP = 0.7  # of what the query's words tell; the rest is in the longest lists
 WARP_WEIGHT = 0.15  # of the warped distance, in medians of the candidates, beside the postings
 POSTURE_SHARE = {"whole": 0.5, "windows": 0.7}  # of a distance; the rest is movement
 MOST_SAMPLES = 600  # longer clips are compared at every second, third … sample
@@ -149,33 +150,47 @@ def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode)
     best passage, and there not divided by all else that happens in it.
     """
     out = np.empty(len(catalog))
-    everywhere = softness_of(catalog.vocabulary, catalog.vocabulary.sizes)
     length = np.array([len(query.words)])
-    share = shares(query.words, np.zeros(1, np.int64), length, everywhere)[0]
+    share = shares(query.words, np.zeros(1, np.int64), length, catalog.softness)[0]
     terms = np.flatnonzero(share)
     part = terms // TERMS_A_PART
+    worth = share[terms] * catalog.rareness[terms] * weights[part] ** 2
+    own = np.sqrt(worth.sum())
+    kept = worthwhile(worth, catalog.frequencies[terms])
+    terms, part = terms[kept], part[kept]
     factors = np.sqrt(share[terms]) * catalog.rareness[terms] * weights[part] ** 2 / SCALE
-    own = np.sqrt((share[terms] * catalog.rareness[terms] * weights[part] ** 2).sum())
     for number, batch in enumerate(catalog.batches):
         scores = np.zeros(len(batch.spans), np.float32)
         lists = batch.postings
         add_scores(
             lists.starts, lists.passages, lists.weights, terms, factors.astype(np.float32), scores
         )
-        norms = np.sqrt(lists.norms @ (weights**2).astype(np.float32))
-        scores /= np.maximum(norms * own, 1e-9) if mode == "whole" else own
-        firsts = np.searchsorted(batch.spans[:, 0], np.arange(len(batch.names)))
+        scores /= own
+        if mode == "whole":
+            norms = np.sqrt(lists.norms @ (weights**2).astype(np.float32))
+            scores /= np.maximum(norms, 1e-9)
+        firsts = batch.first_passages
         if mode == "windows":
             clips = np.maximum.reduceat(scores, firsts)
         elif len(scores) == len(firsts):
             clips = scores
         else:
-            clips = np.add.reduceat(scores, firsts) / np.diff([*firsts, len(scores)])
+            clips = np.add.reduceat(scores, firsts) / batch.passage_counts
         out[catalog.offset(number) : catalog.offset(number + 1)] = clips
     out[~catalog.current] = -np.inf
     if query.own is not None:
         out[query.own] = -np.inf
     return out
+
+
+def worthwhile(worth: FloatArray, frequencies: IntArray) -> IntArray:
+    """Return which terms are looked up: those that tell the most for the length of their lists.
+
+    Together they are worth `LOOKED_UP` of the query with itself.
+    """
+    order = np.argsort(-worth / np.maximum(frequencies, 1), kind="stable")
+    told = np.cumsum(worth[order])
+    return np.sort(order[: int(np.searchsorted(told, LOOKED_UP * told[-1])) + 1])
 
 
 def best_clips(scores: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
