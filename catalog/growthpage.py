@@ -33,15 +33,37 @@ def growth_page(record: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 def _part(points: Sequence[Mapping[str, Any]]) -> str:
     out = []
     for key, title in BASELINES.items():
-        curves: dict[str, list[tuple[float, float]]] = {}
-        for point in points:
-            curves.setdefault(f"{10 * point['tolerance']:g} mm", []).append(
-                (point["clips"], point["ratios"][key])
-            )
         if len(points) > 1:
             out.append(f"<h3>Against {title}</h3>")
-            out.append(chart(curves, "clips", "times smaller"))
+            out.append(chart(_curves(points, key), "clips", "times smaller"))
     return "\n".join([*out, growth_table(points)])
+
+
+def growth_picture(points: Sequence[Mapping[str, Any]], baseline: str = "float32") -> str:
+    """Return the curves of a growth report against one baseline as an SVG file."""
+    title = f"{baseline} : archive, whole store counted"
+    drawn = chart(_curves(points, baseline), "clips", title)
+    head = '<svg xmlns="http://www.w3.org/2000/svg" font-family="Helvetica, Arial, sans-serif" '
+    white = '<rect width="100%" height="100%" fill="#ffffff"/>'
+    opened, _, rest = drawn.replace("<svg ", head, 1).partition("\n")
+    return f"{opened}\n{white}\n{rest}\n"
+
+
+def growth_markdown(points: Sequence[Mapping[str, Any]]) -> str:
+    """Return the points of a growth report as a Markdown table."""
+    header, *rows = growth_rows(points)
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def _curves(
+    points: Sequence[Mapping[str, Any]], baseline: str
+) -> dict[str, list[tuple[float, float]]]:
+    curves: dict[str, list[tuple[float, float]]] = {}
+    for point in points:
+        name = f"{10 * point['tolerance']:g} mm"
+        curves.setdefault(name, []).append((point["clips"], point["ratios"][baseline]))
+    return curves
 
 
 def growth_table(points: Sequence[Mapping[str, Any]]) -> str:

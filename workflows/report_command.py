@@ -43,6 +43,12 @@ def growth(
         int | None, typer.Option(min=0, help="Worker processes; 0 or 1: none. Default: one a core.")
     ] = None,
     html: _HTML = None,
+    svg: Annotated[
+        Path | None, typer.Option(help="Write the curves of the replay here, as a picture.")
+    ] = None,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the replay as a table of Markdown.")
+    ] = False,
     json: _JSON = False,
 ) -> None:
     """Show how the compression ratio of ARCHIVE grows with its size.
@@ -77,12 +83,19 @@ def growth(
         )
     line.clear()
     record = {"jobs": growth_record(points), "replay": growth_record(again)}
-    if html is not None:
-        from ..catalog.growthpage import growth_page
+    if html is not None or svg is not None or markdown:
+        from ..catalog.growthpage import growth_markdown, growth_page, growth_picture
 
+        shown = record["replay"] or record["jobs"]
+    if svg is not None:
+        svg.write_text(growth_picture(shown), "utf-8")
+    if html is not None:
         html.write_text(growth_page(record), "utf-8")
     if json:
         show_json(record)
+        return
+    if markdown:
+        print(growth_markdown(shown), end="")
         return
     _show_points("after each job", points)
     if again:
