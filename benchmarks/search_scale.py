@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from motifold.catalog.bodysignals import PARTS, RATE
-from motifold.catalog.catalogfolder import Catalog, CatalogRecord
+from motifold.catalog.catalogfolder import Catalog
+from motifold.catalog.catalogrecord import CatalogRecord
 from motifold.catalog.indexing import publish
 from motifold.catalog.search import Query, search
 from motifold.catalog.vocabulary import COLUMNS, Words

@@ -11,7 +11,8 @@ from ..codec.errors import ArchiveError, MotifoldError
 from ..pipeline.archive import Archive
 from ..pipeline.durable import digest
 from .bodysignals import body_signals
-from .catalogfolder import FOLDER, Batch, BatchRecord, read_batch, read_record, read_vocabulary
+from .catalogfolder import Batch, read_batch, read_vocabulary
+from .catalogrecord import FOLDER, BatchRecord, read_record
 from .indexing import files_of
 from .postings import TERMS, make_postings, passages_of, softness_of
 from .vocabulary import Vocabulary

@@ -23,17 +23,15 @@ from ..pipeline.archive import Archive
 from ..pipeline.durable import digest, sync, write_whole, writing
 from ..pipeline.executors import Executor, map_batches, one_thread
 from .bodysignals import Signals, body_signals
-from .catalogfolder import (
-    ARRAYS,
+from .catalogfolder import ARRAYS, read_batch, read_vocabulary
+from .catalogrecord import (
     FOLDER,
     NAME,
     BatchRecord,
     CatalogRecord,
     FileRecord,
     newest_ledger,
-    read_batch,
     read_record,
-    read_vocabulary,
     record_text,
 )
 from .postings import TERMS, make_postings, passages_of, softness_of

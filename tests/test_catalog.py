@@ -22,7 +22,8 @@ from test_cli import ran, refused, said
 
 from motifold.catalog.bodysignals import PARTS
 from motifold.catalog.catalogcheck import check_catalog
-from motifold.catalog.catalogfolder import FOLDER, NAME, Catalog, read_record
+from motifold.catalog.catalogfolder import Catalog
+from motifold.catalog.catalogrecord import FOLDER, NAME, read_record
 from motifold.catalog.duplicates import find_duplicates
 from motifold.catalog.evaluate import label_task, measure, ranking_figures, read_labels
 from motifold.catalog.growth import ledger_growth, replay
