@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,19 @@ class Batch:
     starts: IntArray
     spans: npt.NDArray[np.int32]
     postings: Postings
+    _norms: dict[bytes, npt.NDArray[np.float32]] = field(default_factory=dict)
+
+    def norms(self, weights: FloatArray) -> npt.NDArray[np.float32]:
+        """Return (passages,) the lengths of passages as vectors, for the weights of parts.
+
+        The last ones are kept: most queries weigh all parts alike.
+        """
+        key = weights.tobytes()
+        if key not in self._norms:
+            made = np.sqrt(self.postings.norms @ np.square(weights).astype(np.float32))
+            self._norms.clear()
+            self._norms[key] = np.maximum(made, 1e-9)
+        return self._norms[key]
 
     @property
     def keys(self) -> list[tuple[str, str]]:

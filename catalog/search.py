@@ -167,8 +167,7 @@ def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode)
         )
         scores /= own
         if mode == "whole":
-            norms = np.sqrt(lists.norms @ (weights**2).astype(np.float32))
-            scores /= np.maximum(norms, 1e-9)
+            scores /= batch.norms(weights)
         firsts = batch.first_passages
         if mode == "windows":
             clips = np.maximum.reduceat(scores, firsts)
