@@ -6,12 +6,24 @@ from pathlib import Path
 
 from ..codec.errors import DamagedError
 from .commit import Commit
+from .durable import folder_bytes
 from .ledger import Ledger, Row, ledger_path, read_ledger
+from .lock import NAME as LOCK
+
+DERIVED = "catalog"
+"""The folder of an archive that can be made again from the rest: the search catalog."""
 
 
 def index_path(archive: Path, name: str) -> Path:
     """Return where the index file with a digest is."""
     return archive / "clips" / name[:2] / f"{name}.mfi"
+
+
+def archive_bytes(archive: Path) -> int:
+    """Return the size of an archive, in bytes, without what is derived from it or in the way."""
+    total = folder_bytes(archive) - folder_bytes(archive / DERIVED)
+    lock = archive / LOCK
+    return total - (lock.stat().st_size if lock.exists() else 0)
 
 
 def read_ledgers(archive: Path, commit: Commit) -> dict[int, Ledger]:

@@ -18,9 +18,9 @@ from ..codec.version1.encode import Encoder
 from .clustering import Representatives, grow
 from .commit import Commit, Job, publish, read_or_start
 from .discover import discover
-from .durable import NAME_DIGITS, PARTIAL, digest, folder_bytes, name_of, sync, write_whole
+from .durable import NAME_DIGITS, PARTIAL, digest, name_of, sync, write_whole
 from .executors import Executor, executor, map_batches, one_thread
-from .layout import current_rows, index_path, read_ledgers
+from .layout import archive_bytes, current_rows, index_path, read_ledgers
 from .ledger import Ledger, Row, ledger_path, write_ledger
 from .lock import writer_lock
 from .motion_job import SCRATCH, MotionJob
@@ -118,8 +118,7 @@ class _Job:
             if self.rows or self._new_failures(ledgers):
                 self._publish(before, generation, store)
         self.report.patterns = sum(sum(counts) for counts in store.counts().values())
-        self.report.archive_bytes = folder_bytes(self.folder)
-        self.report.archive_bytes -= (self.folder / ".writer.lock").stat().st_size
+        self.report.archive_bytes = archive_bytes(self.folder)
         return self.report
 
     def _new_failures(self, ledgers: dict[int, Ledger]) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .console import ProgressLine, show_json, show_table
+from .index_command import show_index, update_index
 from .quantities import (
     parse_bound,
     parse_length,
@@ -85,6 +86,9 @@ def archive(
         list[str] | None,
         typer.Option(help="Idea to leave out: basis, parents, contexts, world. Repeatable."),
     ] = None,
+    index: Annotated[
+        bool, typer.Option("--index/--no-index", help="Keep the search catalog up to date.")
+    ] = True,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Archive the motion files of LIBRARY into ARCHIVE.
@@ -122,11 +126,14 @@ def archive(
         progress=lambda step: _show_progress(line, step),
     )
     line.clear()
+    indexed = update_index(archive, workers=workers, scheduler=scheduler) if index else None
     if json:
-        show_json(asdict(report))
+        show_json({**asdict(report), "index": asdict(indexed) if indexed else None})
     else:
         show_report(report)
-    if report.failures:
+        if indexed:
+            show_index(indexed)
+    if report.failures or (indexed and indexed.left_out):
         raise typer.Exit(3)
 
 

@@ -13,7 +13,18 @@ from enum import IntEnum
 import typer
 
 from ..codec.errors import MotifoldError
-from . import archive_command, demo_command, info_command, restore_command, verify_command
+from . import (
+    archive_command,
+    demo_command,
+    duplicates_command,
+    evaluate_command,
+    index_command,
+    info_command,
+    report_command,
+    restore_command,
+    search_command,
+    verify_command,
+)
 
 
 class Exit(IntEnum):
@@ -39,6 +50,11 @@ app.command("archive")(archive_command.archive)
 app.command("restore")(restore_command.restore)
 app.command("verify")(verify_command.verify)
 app.command("info")(info_command.info)
+app.command("search")(search_command.search)
+app.command("duplicates")(duplicates_command.duplicates)
+app.command("evaluate")(evaluate_command.evaluate)
+app.command("index")(index_command.index)
+app.add_typer(report_command.report, name="report")
 app.command("demo")(demo_command.demo)
 
 

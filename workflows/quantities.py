@@ -8,6 +8,7 @@ from ..codec.errors import UsageError
 
 _CENTIMETRES = {"mm": 0.1, "cm": 1.0, "m": 100.0, "um": 1e-4, "in": 2.54}
 _SPAN = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*s\s*-\s*([0-9]*\.?[0-9]+)\s*s\s*")
+_SECONDS = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*s?\s*")
 _LENGTH = re.compile(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Z]+)\s*")
 
 
@@ -43,6 +44,22 @@ def parse_span_bound(text: str) -> tuple[float, float, float]:
     if not found or float(found[1]) > float(found[2]):
         raise UsageError(f"{span!r} is no time span", advice="Write it as 2s-3.5s=0.2mm")
     return float(found[1]), float(found[2]), length
+
+
+def parse_seconds(text: str) -> float:
+    """Return a time such as ``2.5s`` or ``2.5`` in seconds. Raises `UsageError`."""
+    found = _SECONDS.fullmatch(text)
+    if not found:
+        raise UsageError(f"{text!r} is no time", advice="Write seconds, such as 2.5s")
+    return float(found[1])
+
+
+def parse_counts(text: str) -> list[int]:
+    """Return counts such as ``10,30,100``. Raises `UsageError`."""
+    try:
+        return [int(word) for word in text.split(",")]
+    except ValueError:
+        raise UsageError(f"{text!r} are no counts", advice="Write them as 10,30,100") from None
 
 
 def show_length(centimetres: float) -> str:

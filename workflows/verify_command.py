@@ -25,6 +25,7 @@ def verify(
     json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
 ) -> None:
     """Check that every file of ARCHIVE is what was published, and every certificate holds."""
+    from ..catalog.catalogcheck import check_catalog
     from ..pipeline.archive import Archive
     from ..pipeline.executors import executor
     from ..pipeline.verify import verify_archive
@@ -38,6 +39,7 @@ def verify(
             library=library,
             progress=lambda count, total: line.update("verify", count, total),
         )
+        found.problems += check_catalog(archive, opened, decode=decode)
     line.clear()
     if json:
         show_json(asdict(found))

@@ -1,0 +1,233 @@
+"""Where else in the library does somebody move like this?
+
+The postings give the passages that share the query's words; the best few hundred clips are
+compared with it word by word, by dynamic time warping over the distances between patterns.
+Only the catalog is read, never a frame of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ..codec.clip import FloatArray, IntArray
+from ..codec.errors import UsageError
+from .bodysignals import PARTS, RATE
+from .catalogfolder import Catalog
+from .kernels import add_scores, slid_inside, warped, warped_inside, warped_path
+from .postings import SCALE, TERMS_A_PART, shares
+from .vocabulary import NO_WORD, WINDOW, Words
+
+Mode = Literal["whole", "windows"]
+Rerank = Literal["dtw", "none"]
+
+CANDIDATES = 300  # clips that are compared word by word
+LOOKED_UP = 0.7  # of what the query's words tell; the rest is in the longest lists
+WARP_WEIGHT = 0.15  # of the warped distance, in medians of the candidates, beside the postings
+POSTURE_SHARE = {"whole": 0.5, "windows": 0.7}  # of a distance; the rest is movement
+MOST_SAMPLES = 600  # longer clips are compared at every second, third … sample
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """What is searched for.
+
+    ``words``: (samples, columns). ``weights``: how much each part counts; parts that are not
+    named count nothing. ``own``: number of the clip that it is from, which is left out of the
+    hits.
+    """
+
+    words: Words
+    weights: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(PARTS, 1.0))
+    own: int | None = None
+
+
+@dataclass(frozen=True)
+class Hit:
+    """A clip where somebody moves like the query, from ``start`` to ``stop`` (seconds).
+
+    ``score``: higher is better; comparable within one search. ``parts``: per part of the
+    query, 1 for the same movement, 0 for one as unlike as two at random.
+    """
+
+    clip: str
+    start: float
+    stop: float
+    score: float
+    parts: dict[str, float]
+
+
+def cut_query(words: Words, start: float | None, stop: float | None) -> Words:
+    """Return the words between two times in seconds.
+
+    A movement is what happens in the window about a sample; so those near the ends, which look
+    beyond them, are left out where the span is long enough. Raises `UsageError` for an empty
+    span.
+    """
+    if start is None and stop is None:
+        return words
+    first = 0 if start is None else round(start * RATE)
+    last = len(words) if stop is None else min(round(stop * RATE) + 1, len(words))
+    if first < 0 or first >= last:
+        raise UsageError(
+            f"from {start or 0:g} s to {stop if stop is not None else len(words) / RATE:g} s "
+            f"there is nothing: the clip lasts {max(len(words) - 1, 0) / RATE:g} s",
+            advice="Choose another --from and --to",
+        )
+    span = np.array(words[first:last])
+    margin = WINDOW // 2
+    if len(span) > 3 * margin:
+        span[:margin, : len(PARTS)] = span[-margin:, : len(PARTS)] = NO_WORD
+    return span
+
+
+def search(
+    catalog: Catalog,
+    query: Query,
+    *,
+    top: int = 10,
+    mode: Mode = "whole",
+    rerank: Rerank = "dtw",
+) -> list[Hit]:
+    """Return the ``top`` best hits, best first, one a clip.
+
+    ``whole``: clips that are like the query from end to end; ``windows``: clips with a span
+    that is like it. ``rerank``: ``dtw``, or ``none`` for the order of the postings (for windows:
+    of spans compared without warping). Raises `UsageError` for a query without words.
+    """
+    parts = part_weights(query)
+    weights = column_weights(parts, mode)
+    scores = clip_scores(catalog, query, parts, mode)
+    clips, order = best_clips(
+        scores, max(CANDIDATES, top) if rerank == "dtw" or mode == "windows" else top
+    )
+    spans: dict[int, tuple[int, int]] = {}
+    if mode == "windows":
+        find = warped_inside if rerank == "dtw" else slid_inside
+        for place, clip in enumerate(clips.tolist()):
+            distance, *span = find(query.words, catalog.words(clip), catalog.table, weights)
+            order[place], spans[clip] = -distance, (span[0], span[1])
+    elif rerank == "dtw" and len(clips):
+        words = (thinned(query.words, catalog.words(int(clip))) for clip in clips)
+        gaps = np.array([warped(some, others, catalog.table, weights) for some, others in words])
+        order = order - WARP_WEIGHT * gaps / max(float(np.median(gaps)), 1e-9)
+    found = np.argsort(-order, kind="stable")[:top]
+    return [
+        _hit(catalog, query, weights, int(clips[place]), float(order[place]), spans)
+        for place in found.tolist()
+        if np.isfinite(order[place])
+    ]
+
+
+def part_weights(query: Query) -> FloatArray:
+    """Return how much each of `PARTS` counts (parts,), summing to 1. Raises `UsageError`."""
+    unknown = sorted(set(query.weights) - set(PARTS))
+    if unknown:
+        raise UsageError(f"there is no part {unknown[0]!r}", advice=f"Parts: {', '.join(PARTS)}")
+    has = (query.words[:, : len(PARTS)] != NO_WORD).any(axis=0)
+    weights = np.array([float(query.weights.get(part, 0.0)) for part in PARTS]) * has
+    if not (np.isfinite(weights).all() and (weights >= 0.0).all() and weights.sum() > 0.0):
+        raise UsageError(
+            "the query has no motion of the parts that count",
+            advice=f"Parts that are searched: {', '.join(PARTS)}",
+        )
+    return np.asarray(weights / weights.sum())
+
+
+def column_weights(weights: FloatArray, mode: Mode) -> FloatArray:
+    """Return how much movements and postures count (columns,), from the weights of parts."""
+    share = POSTURE_SHARE[mode]
+    return np.concatenate([(1.0 - share) * weights, share * weights])
+
+
+def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode) -> FloatArray:
+    """Return every clip's score (clips,) from the postings alone; -inf for the query's own.
+
+    The cosine of the weighted words: of a whole clip the mean over its passages, of windows the
+    best passage, and there not divided by all else that happens in it.
+    """
+    out = np.empty(len(catalog))
+    length = np.array([len(query.words)])
+    share = shares(query.words, np.zeros(1, np.int64), length, catalog.softness)[0]
+    terms = np.flatnonzero(share)
+    part = terms // TERMS_A_PART
+    worth = share[terms] * catalog.rareness[terms] * weights[part] ** 2
+    own = np.sqrt(worth.sum())
+    kept = worthwhile(worth, catalog.frequencies[terms])
+    terms, part = terms[kept], part[kept]
+    factors = np.sqrt(share[terms]) * catalog.rareness[terms] * weights[part] ** 2 / SCALE
+    for number, batch in enumerate(catalog.batches):
+        scores = np.zeros(len(batch.spans), np.float32)
+        lists = batch.postings
+        add_scores(
+            lists.starts, lists.passages, lists.weights, terms, factors.astype(np.float32), scores
+        )
+        scores /= own
+        if mode == "whole":
+            scores /= batch.norms(weights)
+        firsts = batch.first_passages
+        if mode == "windows":
+            clips = np.maximum.reduceat(scores, firsts)
+        elif len(scores) == len(firsts):
+            clips = scores
+        else:
+            clips = np.add.reduceat(scores, firsts) / batch.passage_counts
+        out[catalog.offset(number) : catalog.offset(number + 1)] = clips
+    out[~catalog.current] = -np.inf
+    if query.own is not None:
+        out[query.own] = -np.inf
+    return out
+
+
+def worthwhile(worth: FloatArray, frequencies: IntArray) -> IntArray:
+    """Return which terms are looked up: those that tell the most for the length of their lists.
+
+    Together they are worth `LOOKED_UP` of the query with itself.
+    """
+    order = np.argsort(-worth / np.maximum(frequencies, 1), kind="stable")
+    told = np.cumsum(worth[order])
+    return np.sort(order[: int(np.searchsorted(told, LOOKED_UP * told[-1])) + 1])
+
+
+def best_clips(scores: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
+    """Return the numbers and scores of the best clips, best first; equal ones by number."""
+    count = min(count, int(np.isfinite(scores).sum()))
+    if count == 0:
+        return np.zeros(0, np.int64), np.zeros(0)
+    least = np.partition(scores, len(scores) - count)[len(scores) - count]
+    some = np.flatnonzero(scores >= least)
+    some = some[np.argsort(-scores[some], kind="stable")][:count]
+    return some, scores[some]
+
+
+def thinned(query: Words, clip: Words) -> tuple[Words, Words]:
+    """Return two motions at every nth sample, so that neither is longer than can be warped."""
+    step = -(-max(len(query), len(clip)) // MOST_SAMPLES)
+    return np.ascontiguousarray(query[::step]), np.ascontiguousarray(clip[::step])
+
+
+def _hit(
+    catalog: Catalog,
+    query: Query,
+    weights: FloatArray,
+    clip: int,
+    score: float,
+    spans: dict[int, tuple[int, int]],
+) -> Hit:
+    words, seconds = catalog.words(clip), catalog.seconds(clip)
+    first, last = spans.get(clip, (0, len(words)))
+    gaps = warped_path(*thinned(query.words, words[first:last]), catalog.table, weights)
+    gaps = (gaps * weights).reshape(2, -1).sum(axis=0)
+    counted = np.maximum(weights.reshape(2, -1).sum(axis=0), 1e-9)
+    parts = {
+        part: round(float(np.clip(1.0 - gaps[number] / counted[number], 0.0, 1.0)), 3)
+        for number, part in enumerate(PARTS)
+        if weights[number] > 0
+    }
+    start, stop = 0.0, seconds
+    if clip in spans:
+        start, stop = first / RATE, min(seconds, (last - 1) / RATE)
+    return Hit(catalog.names[clip], round(start, 3), round(stop, 3), round(score, 4), parts)

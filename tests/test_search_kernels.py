@@ -1,0 +1,143 @@
+"""Postings and time warping against plain loops that share no code with them."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motifold.catalog.bodysignals import PARTS
+from motifold.catalog.framewarp import frame_distances, warped_frames, warped_span, warping_path
+from motifold.catalog.kernels import add_scores, slid_inside, warped, warped_inside, warped_path
+from motifold.catalog.postings import PASSAGE, SCALE, TERMS_A_PART, make_postings, passages_of
+from motifold.catalog.vocabulary import COLUMNS, NO_WORD, Words
+
+TABLE = np.ones((len(COLUMNS), 256, 256), np.float32)
+_POINTS = np.random.default_rng(0).normal(size=(len(COLUMNS), 20, 2))
+TABLE[:, :20, :20] = np.linalg.norm(_POINTS[:, :, None] - _POINTS[:, None], axis=3)
+WEIGHTS = np.full(len(COLUMNS), 1 / len(COLUMNS))
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def said(seed: int, samples: int) -> Words:
+    rng = np.random.default_rng([seed, samples])
+    words = rng.integers(0, 20, (samples, len(COLUMNS)))
+    words[rng.random(words.shape) < 0.05] = NO_WORD
+    return words.astype(np.uint8)
+
+
+def costs(some: Words, others: Words) -> np.ndarray:
+    out = np.zeros((len(some), len(others)))
+    for i, row in enumerate(some):
+        for j, other in enumerate(others):
+            out[i, j] = sum(
+                WEIGHTS[k] * TABLE[k, a, b] for k, (a, b) in enumerate(zip(row, other, strict=True))
+            )
+    return out
+
+
+def plainly_warped(cost: np.ndarray) -> float:
+    total = np.full(cost.shape, np.inf)
+    for i in range(cost.shape[0]):
+        for j in range(cost.shape[1]):
+            ways = [2 * cost[0, 0]] if i == j == 0 else []
+            if i:
+                ways.append(total[i - 1, j] + cost[i, j])
+            if j:
+                ways.append(total[i, j - 1] + cost[i, j])
+            if i and j:
+                ways.append(total[i - 1, j - 1] + 2 * cost[i, j])
+            total[i, j] = min(ways)
+    return float(total[-1, -1] / sum(cost.shape))
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS, st.integers(1, 12), st.integers(1, 12))
+def test_warping_is_that_of_the_textbook(seed: int, some: int, others: int) -> None:
+    query, clip = said(seed, some), said(seed + 1, others)
+    cost = costs(query, clip)
+    expected = plainly_warped(cost)
+    assert np.isclose(warped(query, clip, TABLE, WEIGHTS), expected, rtol=1e-5)
+    rng = np.random.default_rng(seed)
+    frames = [rng.normal(size=(n, 6)).astype(np.float32) for n in (some, others)]
+    plain = np.linalg.norm(frames[0][:, None] - frames[1][None], axis=2)
+    assert np.allclose(frame_distances(*frames), plain, atol=1e-3)
+    assert np.isclose(warped_frames(*frames), plainly_warped(plain), atol=1e-3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS, st.integers(4, 12), st.integers(0, 20), st.integers(0, 20))
+def test_a_planted_span_is_found(seed: int, wide: int, before: int, after: int) -> None:
+    query = said(seed, wide)
+    query[query == NO_WORD] = 0
+    clip = np.concatenate([said(seed + 1, before), query, said(seed + 2, after)])
+    for find in (warped_inside, slid_inside):
+        distance, first, last = find(query, clip, TABLE, WEIGHTS)
+        assert (round(distance, 6), first, last) == (0.0, before, before + wide)
+    assert np.allclose(warped_path(query, query, TABLE, WEIGHTS), 0.0)
+
+
+def test_a_clip_too_short_to_warp_is_infinitely_far() -> None:
+    assert warped_inside(said(0, 9), said(1, 3), TABLE, WEIGHTS)[0] == np.inf
+    assert np.isfinite(slid_inside(said(0, 9), said(1, 3), TABLE, WEIGHTS)[0])
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS, st.integers(2, 15), st.integers(0, 9))
+def test_a_planted_span_of_frames_is_found(seed: int, wide: int, before: int) -> None:
+    rng = np.random.default_rng(seed)
+    clip = rng.normal(size=(30, 6)).astype(np.float32)
+    distance, first, last = warped_span(clip[before : before + wide], clip)
+    assert distance < 1e-2
+    assert (first, last) == (before, before + wide)
+    path = warping_path(clip, clip)
+    assert np.array_equal(path, np.column_stack([np.arange(30)] * 2))
+
+
+@given(st.lists(st.integers(0, 400), min_size=1, max_size=8))
+def test_passages_cover_every_sample(lengths: list[int]) -> None:
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    spans = passages_of(starts)
+    for clip, length in enumerate(lengths):
+        own = spans[spans[:, 0] == clip]
+        assert len(own) >= 1
+        assert (own[:, 2] - own[:, 1] <= PASSAGE).all()
+        covered = set().union(*(range(first, last) for _, first, last in own.tolist()))
+        assert covered == set(range(length))
+
+
+@settings(max_examples=15, deadline=None)
+@given(SEEDS, st.lists(st.integers(1, 200), min_size=1, max_size=5))
+def test_postings_hold_the_roots_of_shares(seed: int, lengths: list[int]) -> None:
+    words = said(seed, sum(lengths))
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    spans = passages_of(starts)
+    soft = [0.75 * np.eye(20) + 0.25 * np.roll(np.eye(20), 1, axis=1) for _ in PARTS]
+    made = make_postings(words, starts, spans, soft, (np.zeros(TERMS_A_PART * 7, np.int64), 0))
+    dense = np.zeros((len(spans), TERMS_A_PART * len(PARTS)))
+    for number, (clip, first, last) in enumerate(spans.tolist()):
+        for part in range(len(PARTS)):
+            column = [
+                w
+                for w in words.astype(int)[starts[clip] + first : starts[clip] + last, part]
+                if w < 255
+            ]
+            for word in column:
+                dense[number, part * TERMS_A_PART + word] += 0.75 / len(column)
+                dense[number, part * TERMS_A_PART + (word + 1) % 20] += 0.25 / len(column)
+    dense = np.sqrt(np.where(dense < 0.01 - 1e-9, 0.0, dense))
+    factors = np.random.default_rng(seed).random(dense.shape[1]).astype(np.float32)
+    out = np.zeros(len(spans), np.float32)
+    terms = np.arange(dense.shape[1])
+    add_scores(made.starts, made.passages, made.weights, terms, factors, out)
+    assert np.allclose(out / SCALE, dense @ factors, atol=0.3)
+    rare = np.log((1 + len(spans)) / (1 + (np.rint(SCALE * dense) > 0).sum(axis=0)))
+    norms = (dense**2 * rare).reshape(len(spans), len(PARTS), -1).sum(axis=2)
+    assert np.allclose(made.norms, norms, atol=0.02)
+
+
+def test_postings_that_point_beyond_the_passages_are_passed_over() -> None:
+    out = np.zeros(2, np.float32)
+    lists = np.array([0, 7, 1], np.uint32), np.full(3, 255, np.uint8)
+    add_scores(np.array([0, 3]), *lists, np.array([0]), np.ones(1, np.float32), out)
+    assert out.tolist() == [255.0, 255.0]
