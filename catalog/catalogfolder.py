@@ -102,7 +102,9 @@ class Catalog:
         record = read_record(self.archive)
         if record is None:
             raise DamagedError(
-                "has no catalog yet", file=self.archive, advice="Make it with: motifold index"
+                "has no catalog yet",
+                file=self.archive,
+                advice=f"Make it with: motifold index {self.archive}",
             )
         self.record = record
         self.stale = record.ledger != ledger
