@@ -11,10 +11,12 @@ CODEC = Path(__file__).resolve().parents[1] / "codec"
 ASK = """
 import sys
 
+from pathlib import Path
+
 sys.path[:0] = [sys.argv[1]]
 from codec.arithmetic.compiled import _cache_folder
 
-print(_cache_folder())
+print(_cache_folder(Path(sys.argv[1], "other")))
 """
 
 
@@ -28,8 +30,9 @@ def test_a_change_in_any_room_compiles_anew(tmp_path: Path) -> None:
     shutil.copytree(CODEC, tmp_path / "codec", ignore=skip)
     found = {folder_of(tmp_path)}
     assert folder_of(tmp_path) in found
-    for room in ("arithmetic/fixedpoint.py", "blocks/recall.py", "streams/sizeclasses.py"):
-        with (tmp_path / "codec" / room).open("a") as file:
+    (tmp_path / "other").mkdir()
+    for name in ("arithmetic/fixedpoint.py", "blocks/recall.py", "../other/own.py"):
+        with (tmp_path / "codec" / name).open("a") as file:
             file.write("# changed\n")
         folder = folder_of(tmp_path)
         assert folder not in found

@@ -4,9 +4,9 @@ Loops that follow a clip block by block cannot be array operations: each block i
 the decoded one before. Floating-point contraction and reordering stay off (Numba's default):
 what a decoder computes must not depend on the processor.
 
-The compiled code is kept on disk, in a folder named after the sources of all modules
-together, because Numba's own cache only looks at the file of the outermost function, and would
-go on using a loop whose inner functions have changed.
+The compiled code is kept on disk, in a folder named after the sources of all of the codec and of
+the caller's folder together, because Numba's own cache only looks at the file of the outermost
+function, and would go on using a loop whose inner functions have changed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 def compiled(function: Function) -> Function:
     """Return ``function`` compiled, with the same signature."""
-    folder = _cache_folder()
+    folder = _cache_folder(Path(function.__code__.co_filename).parent)
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = folder or before  # read when the decorator runs, and not later
     try:
@@ -37,12 +37,12 @@ def compiled(function: Function) -> Function:
     return cast(Function, made)
 
 
-@lru_cache(maxsize=1)
-def _cache_folder() -> str | None:
+@lru_cache
+def _cache_folder(caller: Path) -> str | None:
     """Return the folder of the compiled code, or None where nothing can be written."""
     codec = Path(__file__).parents[1]
     sources = hashlib.blake2b(digest_size=8)
-    for path in sorted(codec.rglob("*.py")):
+    for path in sorted({*codec.rglob("*.py"), *caller.glob("*.py")}):
         sources.update(path.read_bytes())  # constants of any of them are compiled in
     home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     for base in (codec / "__pycache__", Path(home).expanduser() / "motifold"):
