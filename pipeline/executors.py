@@ -226,8 +226,14 @@ def executor(workers: int | None = None, scheduler: str | None = None) -> Iterat
         with client:
             yield DaskExecutor(client)
         return
+    rules = {
+        "distributed.scheduler.allowed-failures": 0,  # `map_ordered` tries again
+        # A worker that dies is restarted by its nanny. Dask looks once, this long after a death,
+        # and closes the nanny for good if its worker is not there: it may have died again.
+        "distributed.deploy.lost-worker-timeout": "365 days",
+    }
     with (
-        config.set({"distributed.scheduler.allowed-failures": 0}),  # `map_ordered` tries again
+        config.set(rules),
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,

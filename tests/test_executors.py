@@ -195,6 +195,14 @@ def test_a_worker_s_death_costs_no_other_item_of_the_batch(pair: Executor) -> No
     ]
 
 
+def test_no_worker_of_ours_is_given_up(pair: Executor) -> None:
+    """Dask would close the nanny of one that has died twice within some seconds."""
+    from dask import config, utils
+
+    assert isinstance(pair, DaskExecutor)
+    assert utils.parse_timedelta(config.get("distributed.deploy.lost-worker-timeout")) > 1e6
+
+
 def test_a_cluster_that_runs_already_is_used(cluster: Any) -> None:
     with executor(scheduler=cluster.scheduler_address) as engine:
         assert isinstance(engine, DaskExecutor)
