@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from ..codec.arithmetic.compiled import compiled
 from ..codec.clip import FloatArray, IntArray
+from .kernels import inside
 
 Frames = npt.NDArray[np.float32]
 FAR = 1e30
@@ -35,7 +36,7 @@ def warped_span(query: Frames, clip: Frames) -> tuple[float, int, int]:
 
     Open ends in the clip, half to twice the speed; infinite where the clip is too short.
     """
-    distance, first, last = _inside(frame_distances(query, clip))
+    distance, first, last = inside(frame_distances(query, clip))
     return float(distance), int(first), int(last)
 
 
@@ -77,27 +78,3 @@ def _path(cost: Any) -> FloatArray:
         else:
             j -= 1
     return out[:count][::-1]
-
-
-@compiled
-def _inside(cost: Any) -> tuple[float, int, int]:
-    wide, long = cost.shape
-    total = np.full((wide, long), FAR)
-    begun = np.zeros((wide, long), np.int64)
-    for j in range(long):
-        total[0, j], begun[0, j] = cost[0, j], j
-    for i in range(1, wide):
-        for j in range(1, long):
-            best, origin = total[i - 1, j - 1], begun[i - 1, j - 1]
-            if j > 1 and total[i - 1, j - 2] < best:
-                best, origin = total[i - 1, j - 2], begun[i - 1, j - 2]
-            if i > 1 and total[i - 2, j - 1] + cost[i - 1, j] < best:
-                best, origin = total[i - 2, j - 1] + cost[i - 1, j], begun[i - 2, j - 1]
-            total[i, j], begun[i, j] = best + cost[i, j], origin
-    end = 0
-    for j in range(long):
-        if total[wide - 1, j] < total[wide - 1, end]:
-            end = j
-    if total[wide - 1, end] >= FAR:
-        return np.inf, 0, long
-    return total[wide - 1, end] / wide, begun[wide - 1, end], end + 1

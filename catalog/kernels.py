@@ -92,25 +92,15 @@ def warped_path(query: Array, clip: Array, table: Array, weights: Array) -> Floa
 
 
 @compiled
-def warped_inside(
-    query: Array, clip: Array, table: Array, weights: Array
-) -> tuple[float, int, int]:
-    """Return the distance and the span (first, last sample, exclusive) of a motion in a clip.
+def inside(cost: Array) -> tuple[float, int, int]:
+    """Return (mean distance, start, stop) of the cheapest way through ``cost`` (query, clip).
 
-    Dynamic time warping with open ends in the clip, at half to twice the speed (Sakoe and
-    Chiba 1978, P = 1). The distance is the mean over the query's samples; where the clip is
-    shorter than half of the query, nothing fits, and it is infinite.
+    The query is used up, the clip's ends are open; at half to twice the speed (Sakoe and Chiba
+    1978, P = 1).
     """
-    wide, long = len(query), len(clip)
+    wide, long = cost.shape
     total = np.full((wide, long), FAR)
     begun = np.zeros((wide, long), np.int64)
-    cost = np.empty((wide, long))
-    for i in range(wide):
-        for j in range(long):
-            here = 0.0
-            for part in range(len(weights)):
-                here += weights[part] * table[part, query[i, part], clip[j, part]]
-            cost[i, j] = here
     for j in range(long):
         total[0, j], begun[0, j] = cost[0, j], j
     for i in range(1, wide):
@@ -128,6 +118,27 @@ def warped_inside(
     if best >= FAR or long == 0:
         return np.inf, 0, long
     return best / wide, begun[wide - 1, end], end + 1
+
+
+@compiled
+def warped_inside(
+    query: Array, clip: Array, table: Array, weights: Array
+) -> tuple[float, int, int]:
+    """Return the distance and the span (first, last sample, exclusive) of a motion in a clip.
+
+    Dynamic time warping with open ends in the clip, at half to twice the speed (Sakoe and
+    Chiba 1978, P = 1). The distance is the mean over the query's samples; where the clip is
+    shorter than half of the query, nothing fits, and it is infinite.
+    """
+    wide, long = len(query), len(clip)
+    cost = np.empty((wide, long))
+    for i in range(wide):
+        for j in range(long):
+            here = 0.0
+            for part in range(len(weights)):
+                here += weights[part] * table[part, query[i, part], clip[j, part]]
+            cost[i, j] = here
+    return inside(cost)
 
 
 @compiled
