@@ -198,6 +198,7 @@ def wanted(
 def choose(
     left: IntArray,
     basis: IntArray,
+    analysis: FloatArray,
     size: int,
     classes: IntArray,
     ones: FloatArray,
@@ -209,7 +210,8 @@ def choose(
 
     A coefficient is rounded down where the bits that this saves (``ones``: bits of ±1 rather
     than 0, ``more``: of each one more, by class) times ``thrift`` outweigh the larger squared
-    error, in steps²: rate-distortion optimised rounding. ``size``: the step, 2^-24 cm.
+    error, in steps²: rate-distortion optimised rounding. ``basis`` and ``analysis``: the row's,
+    of `MotionModel`; ``size``: the step, 2^-24 cm.
     """
     channels = len(left)
     rest = left.astype(np.float64)
@@ -219,8 +221,8 @@ def choose(
         for k in range(channels):
             total = 0.0
             for c in range(channels):
-                total += basis[k, c] * rest[c]
-            z = total / float(1 << 10) / size  # 2^14 of the basis, 2^-20 to 2^-24 of the step
+                total += analysis[k, c] * rest[c]
+            z = total / float(1 << 10) / size  # 2^14 of the analysis, 2^-20 to 2^-24 of the step
             low = math.floor(abs(z))
             part = abs(z) - low
             step_up = 0.5

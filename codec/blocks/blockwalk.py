@@ -84,6 +84,7 @@ def walk(
         model.up,
         model.weights,
         model.basis,
+        model.analysis,
         model.base,
         model.senses,
         memory.keys,
@@ -116,6 +117,7 @@ def _walk(
     up: int,
     weights: IntArray,
     basis: IntArray,
+    analysis: FloatArray,
     base: IntArray,
     senses: IntArray,
     keys: KeyArray,
@@ -178,8 +180,9 @@ def _walk(
                     goals[c] -= prediction[c]
                 size = fine_step(step, fine + table[node, FINE])
                 choose(
-                    goals, basis[table[node, ROW]], size, classes[block, node], ones, more,
-                    thrift / (1.0 + fine), quantised[block, node],
+                    goals, basis[table[node, ROW]], analysis[table[node, ROW]], size,
+                    classes[block, node], ones, more, thrift / (1.0 + fine),
+                    quantised[block, node],
                 )  # fmt: skip
                 for c in range(channels):
                     kind = classes[block, node, c]

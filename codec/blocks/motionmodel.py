@@ -35,8 +35,8 @@ class MotionModel:
 
     ``span``: frames of a block; ``lags``: (4,) frames to look back; ``up``: vertical axis.
     ``folded_weights``: (rows, features, channels) × 2^16, cm per cm; ``folded_basis``: (rows,
-    coefficients, channels) × 2^14, orthonormal but for rounding; both with every course along
-    a block as its cosine transform, in which most of them are near zero.
+    coefficients, channels) × 2^14, what each coefficient adds to the block; both with every
+    course along a block as its cosine transform, in which most of them are near zero.
     ``base``: (rows, coefficients) and ``senses``: (rows, 3, 10), × 256: the binary logarithm
     of a coefficient's expected size in steps is base + senses · signs. ``starts``: (rows, 2,
     3) the same of a first pose's difference, in cm, from the usual pose and from a reference
@@ -75,6 +75,16 @@ class MotionModel:
         """(rows, coefficients, channels) the basis × 2^14 of frames as they are."""
         half = 1 << (BASIS_BITS - 1)
         return (self.folded_basis @ _cosines(self.span) + half) >> BASIS_BITS
+
+    @cached_property
+    def analysis(self) -> FloatArray:
+        """(rows, coefficients, channels) × 2^14: what finds the coefficients of signals.
+
+        The basis need not be orthonormal; where it were, this would be the basis itself. Only
+        encoders use it.
+        """
+        inverse = np.linalg.pinv(self.basis / float(1 << BASIS_BITS))
+        return np.ascontiguousarray(inverse.transpose(0, 2, 1) * float(1 << BASIS_BITS))
 
     @property
     def channels(self) -> int:

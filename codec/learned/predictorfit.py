@@ -29,6 +29,7 @@ ROUNDING_SHARE = 0.015  # of the step: what rounding of one feature's weight may
 BASIS_GRAIN = 11  # bits after the point that a learned basis keeps
 RIDGE = 3e-3  # of a feature's mean square, at a step of a millimetre; more at coarser ones
 PARENTS = 15  # first of the features that say how guide and carrier move
+LAST_FRAME = 1.75  # how much finer than the others the last frame of a block is coded
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 
 
@@ -78,7 +79,7 @@ def fit_predictors(
         left = cosine @ square[row] @ cosine.T / seen[row]
         left += fitted.T @ own @ fitted - fitted.T @ both - both.T @ fitted
         if "basis" not in without:
-            basis[row] = _basis(left)
+            basis[row] = _basis(left, model.span)
     return replace(model, folded_weights=weights, folded_basis=basis)
 
 
@@ -100,12 +101,23 @@ def _weights(own: FloatArray, both: FloatArray, step: float) -> IntArray:
     return np.asarray(np.rint(fine / grain) * grain, np.int64)
 
 
-def _basis(covariance: FloatArray) -> IntArray:
-    """Return the eigenvectors of a folded covariance as a basis, the largest first."""
-    _, vectors = np.linalg.eigh(covariance + 1e-12 * np.eye(len(covariance)))
+def _basis(covariance: FloatArray, span: int) -> IntArray:
+    """Return the basis of a folded covariance: eigenvectors, the largest first.
+
+    They are those of the signals with the last frame stretched, so that rounding errs less
+    there: the next block is predicted from it. The volume of all errors stays the same.
+    """
+    stretch = np.ones(span)
+    stretch[-1] = LAST_FRAME
+    stretch /= LAST_FRAME ** (1.0 / span)
+    cosine, scales = cosine_basis(span), np.repeat(stretch, 3)
+    stretched = (cosine * scales) @ cosine.T
+    relaxed = (cosine / scales) @ cosine.T
+    alike = stretched @ covariance @ stretched
+    _, vectors = np.linalg.eigh(alike + 1e-12 * np.eye(len(covariance)))
     rows = vectors.T[::-1]
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
-    coarse = np.rint(rows * signs[:, None] * (1 << BASIS_GRAIN)).astype(np.int64)
+    coarse = np.rint((rows * signs[:, None]) @ relaxed * (1 << BASIS_GRAIN)).astype(np.int64)
     return np.asarray(coarse << (BASIS_BITS - BASIS_GRAIN))
 
 
