@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from .streams.envelope import Readable
 from .version1.index_file import MAGIC, IndexFile, unpack
 from .version2.motionfile import MotionFile, unpack_motion
 
 
-def unpack_any(data: bytes, *, prefix_only: bool = False) -> IndexFile | MotionFile:
-    """Return the parts of an index file, checked. Raises `DamagedError` or `VersionError`."""
+def unpack_any(
+    data: Readable, *, prefix_only: bool = False, piecewise: bool = False
+) -> IndexFile | MotionFile:
+    """Return the parts of an index file, checked; ``piecewise``: see `unpack_motion`.
+
+    Raises `DamagedError` or `VersionError`.
+    """
     if data[2:3] != MAGIC[2:]:
-        return unpack_motion(data, prefix_only=prefix_only)
-    return unpack(data, prefix_only=prefix_only)
+        return unpack_motion(data, prefix_only=prefix_only, piecewise=piecewise)
+    return unpack(data[: len(data)], prefix_only=prefix_only)
 
 
 def check_whole(data: bytes) -> None:

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, Skeleton, SkeletonClip
 from ..codec.errors import DamagedError, UsageError
-from ..codec.figure.partial import only_parts
+from ..codec.figure.partial import only_parts, with_ancestors
 from ..codec.figure.rig import Rig
 from ..codec.geometry.kinematics import world_positions, world_rotations
 from ..codec.geometry.metrics import Errors
@@ -119,9 +119,11 @@ class ArchivedClip:
         """Where its index file is."""
         return index_path(self.archive.path, self.row.index)
 
-    def index(self, *, prefix_only: bool = False) -> IndexFile | MotionFile:
-        """Return the clip's index file, checked. Raises `DamagedError`."""
-        index = read_index(self.path, prefix_only=prefix_only)
+    def index(
+        self, *, prefix_only: bool = False, piecewise: bool = False
+    ) -> IndexFile | MotionFile:
+        """Return the clip's index file, checked; see `read_index`. Raises `DamagedError`."""
+        index = read_index(self.path, prefix_only=prefix_only, piecewise=piecewise)
         if index.frames != self.row.frames or index.rig != self.row.rig:
             raise DamagedError("is the index file of another clip", file=self.path)
         return index
@@ -139,16 +141,21 @@ class ArchivedClip:
         ``tier``: ``tolerance``, inside the certified error; or ``preview``, which reads only
         the first part of the index file: poses (version 1: patterns) of other clips on the
         exact root path; a clip without references shows itself. ``parts``: names of body
-        parts; the joints of all others are left at rest (markers: NaN). Runs of frames outside
-        ``start`` and ``stop`` are not decoded. Raises `DamagedError` or `UsageError`.
+        parts, which come with those above them; the joints of all others are left at rest
+        (markers: NaN). Runs of frames outside ``start`` and ``stop`` are not decoded. Where the
+        archive has streams per body part (`plan.Settings.streams`), nothing is read or decoded
+        of other parts and other runs; so damage there does not hurt. Raises `DamagedError` or
+        `UsageError`.
         """
-        index = self.index(prefix_only=tier == "preview")
+        some = parts is not None or (start, stop) != (0, None)
+        index = self.index(prefix_only=tier == "preview", piecewise=some)
         if (
             tier == "preview"
             and isinstance(index, MotionFile)
             and not read_references(index.cores[0])
         ):
-            index, tier = self.index(), "tolerance"  # nothing to look like: it shows itself
+            # nothing to look like: it shows itself
+            index, tier = self.index(piecewise=some), "tolerance"
         try:
             if isinstance(index, MotionFile):
                 return self._decoded(index, tier, parts, start, stop)
@@ -168,8 +175,11 @@ class ArchivedClip:
         stop: int | None,
     ) -> Clip:
         first, last, _ = slice(start, stop).indices(file.frames)
+        wanted = None
+        if parts is not None:
+            wanted = with_ancestors(self.rig.parts, self.skeleton, parts)
         clip = self.archive.shelf.decode(
-            file, self.rig, core_only=tier == "preview", start=first, stop=last
+            file, self.rig, core_only=tier == "preview", start=first, stop=last, parts=wanted
         )
         return only_parts(clip.slice(first, max(first, last)), self.rig, parts)
 

@@ -233,8 +233,9 @@ class MotionJob:
         scratch: Path,
         tell: Callable[[str, int, int], None],
     ) -> Iterator[tuple[Prepared, EncodedClip]]:
+        by_part = self.settings.streams == "parts"
         encoders = {
-            key: MotionEncoder(self.families[key.rsplit("-", 1)[0]], model, generation)
+            key: MotionEncoder(self.families[key.rsplit("-", 1)[0]], model, generation, by_part)
             for key, (generation, model) in self.models.items()
         }
         wanted = {name for level in levels for _, chosen in level for name in chosen}

@@ -32,7 +32,9 @@ class Settings:
     with a ``model`` that is learned where that saves bytes, learned but for the prediction
     (``basis``), or ``fixed``. ``without`` leaves ideas out, to measure what they are worth:
     ``basis``, ``parents`` and ``contexts`` of what is learned (see `learning.learn`), and
-    ``world``: joints are coded as the joints above them see them. Raises `UsageError`.
+    ``world``: joints are coded as the joints above them see them. ``streams``: ``runs``, one
+    stream of the body for every 1,024 frames, or ``parts``, one for each body part of these, so
+    that a part decodes without the others. Raises `UsageError`.
     """
 
     tolerance: float = 0.1
@@ -47,6 +49,7 @@ class Settings:
     references: int = 4
     model: Literal["learned", "basis", "fixed"] = "learned"
     without: tuple[str, ...] = ()
+    streams: Literal["runs", "parts"] = "runs"
 
     def __post_init__(self) -> None:
         if not 1e-4 <= self.tolerance <= 1000.0:
@@ -63,6 +66,10 @@ class Settings:
             raise UsageError(f"unknown codec {self.codec!r}", advice="Use learned or patterns")
         if self.model not in ("learned", "basis", "fixed"):
             raise UsageError(f"unknown model {self.model!r}", advice="Use learned, basis or fixed")
+        if self.streams not in ("runs", "parts"):
+            raise UsageError(f"no streams are called {self.streams!r}", advice="Use runs or parts")
+        if self.codec == "patterns" and self.streams != "runs":
+            raise UsageError("the codec of version 1 has no streams per body part")
         for name in self.without:
             if name not in (*LEARNED, "world"):
                 advice = f"Use {', '.join(LEARNED)} or world"
@@ -108,6 +115,8 @@ class Settings:
         for name in ("joint_tolerances", "span_tolerances"):
             record[name] = [list(bound) for bound in record[name]]
         record["without"] = list(self.without)
+        if self.streams == "runs":
+            del record["streams"]  # the ledgers of earlier motifolds have no such word
         return record
 
 

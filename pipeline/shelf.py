@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
+from typing import NamedTuple, TypeAlias
 
 from ..codec.blocks.motionmodel import MotionModel, fixed_model, model_key, usual_span
 from ..codec.blocks.offered import Reference, reference_of
 from ..codec.clip import Clip
 from ..codec.errors import DamagedError
 from ..codec.figure.rig import Rig
-from ..codec.version2.motiondecode import Decoded, decode_motion, decode_states
+from ..codec.version2.motiondecode import Decoded, decode_motion, decode_states, parts_read
 from ..codec.version2.motionfile import MotionFile
 from ..codec.version2.motionhead import read_references
 from .indexreader import read_index
@@ -28,17 +29,29 @@ KEPT_BYTES = 192 << 20  # of decoded clips that others refer to
 DEEPEST = 16
 
 
+Parts: TypeAlias = frozenset[int] | None
+"""Numbers of the body parts that are decoded; None means all."""
+
+
+class Found(NamedTuple):
+    """A clip of an archive: its index file, its rig, and where the file is."""
+
+    file: MotionFile
+    rig: Rig
+    path: Path
+
+
 class Shelf:
     """The decoded clips of an archive that others refer to, made when first asked for.
 
-    ``find``: returns the index file and the rig of a clip number. Safe to use from several
-    threads.
+    ``find``: returns a clip by its number, read piecewise or not (see `unpack_motion`). Safe to
+    use from several threads.
     """
 
-    def __init__(self, store: Store, find: Callable[[int], tuple[MotionFile, Rig]]) -> None:
+    def __init__(self, store: Store, find: Callable[[int, bool], Found]) -> None:
         self._store = store
         self._find = find
-        self._kept: OrderedDict[tuple[int, str, int], Reference] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, str, int, Parts], Reference] = OrderedDict()
         self._depths: dict[int, int] = {}
         self._held = 0
         self._lock = threading.RLock()
@@ -48,14 +61,15 @@ class Shelf:
         """Return the shelf of an archive folder."""
         rows = [row for _, ledger in sorted(ledgers.items()) for row in ledger.rows]
 
-        def find(number: int) -> tuple[MotionFile, Rig]:
+        def find(number: int, piecewise: bool) -> Found:
             if number >= len(rows):
                 raise DamagedError(f"refers to clip {number} of {len(rows)}")
             row = rows[number]
-            file = read_index(index_path(archive, row.index))
+            path = index_path(archive, row.index)
+            file = read_index(path, piecewise=piecewise)
             if not isinstance(file, MotionFile):
                 raise DamagedError(f"refers to {row.name}, an index file of version 1")
-            return file, store.rigs[row.rig]
+            return Found(file, store.rigs[row.rig], path)
 
         return cls(store, find)
 
@@ -80,19 +94,30 @@ class Shelf:
         core_only: bool = False,
         start: int = 0,
         stop: int | None = None,
+        parts: Collection[int] | None = None,
     ) -> Clip:
-        """Return the clip of an index file; see `decode_motion`. Raises `DamagedError`."""
+        """Return the clip of an index file; see `decode_motion`.
+
+        ``parts``: numbers of the body parts that are wanted, and of those above them; of others,
+        here and in the references, as little is read and decoded as the files allow. Raises
+        `DamagedError`.
+        """
         model = self.model(rig, file.generation)
-        references = self._references(file, rig, file.generation, 0)
         family = self._store.families[rig.family_key]
+        read = parts_read(file, rig, family, model, parts, core_only)
+        references = self._references(file, rig, file.generation, 0, read)
         return decode_motion(
-            file, rig, family, model, references, core_only=core_only, start=start, stop=stop
+            *(file, rig, family, model, references),
+            core_only=core_only,
+            start=start,
+            stop=stop,
+            parts=read,
         )
 
     def states(self, file: MotionFile, rig: Rig) -> Decoded:
         """Return an index file decoded in whole numbers. Raises `DamagedError`."""
         model, family = self.model(rig, file.generation), self._store.families[rig.family_key]
-        references = self._references(file, rig, file.generation, 0)
+        references = self._references(file, rig, file.generation, 0, None)
         return decode_states(file, rig, family, model, references)
 
     def depth(self, file: MotionFile) -> int:
@@ -105,37 +130,36 @@ class Shelf:
         deepest = 0
         for number in read_references(file.cores[0]):
             if number not in self._depths:
-                self._depths[number] = self._depth(self._find(number)[0], above + 1)
+                self._depths[number] = self._depth(self._find(number, True).file, above + 1)
             deepest = max(deepest, self._depths[number] + 1)
         return deepest
 
     def _references(
-        self, file: MotionFile, rig: Rig, generation: int, depth: int
+        self, file: MotionFile, rig: Rig, generation: int, depth: int, parts: Parts
     ) -> list[Reference]:
-        """Return what a file refers to, as a model of ``generation`` sees it."""
+        """Return what some parts of a file refer to, as a model of ``generation`` sees it."""
         if depth > DEEPEST:
             raise DamagedError("its references go in a circle")
         numbers = read_references(file.cores[0])
-        return [self._reference(number, rig, generation, depth) for number in numbers]
+        return [self._reference(number, rig, generation, depth, parts) for number in numbers]
 
-    def _reference(self, number: int, rig: Rig, generation: int, depth: int) -> Reference:
-        key = (number, model_key(rig), generation)
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
-        file, own_rig = self._find(number)
-        if model_key(own_rig) != model_key(rig):
+    def _reference(
+        self, number: int, rig: Rig, generation: int, depth: int, parts: Parts
+    ) -> Reference:
+        for key in ((number, model_key(rig), generation, held) for held in (None, parts)):
+            with self._lock:
+                if key in self._kept:
+                    self._kept.move_to_end(key)
+                    return self._kept[key]
+        found = self._find(number, parts is not None)
+        if model_key(found.rig) != model_key(rig):
             raise DamagedError(f"refers to clip {number}, which has another kind of rig")
-        family = self._store.families[rig.family_key]
-        decoded = decode_states(
-            file,
-            own_rig,
-            family,
-            self.model(own_rig, file.generation),
-            self._references(file, own_rig, file.generation, depth + 1),
-        )
+        try:
+            decoded, whole = self._read(found, depth + 1, parts)
+        except DamagedError as problem:
+            raise problem.within(found.path) from problem
         made = reference_of(decoded.states, decoded.nodes, self.model(rig, generation))
+        key = (number, model_key(rig), generation, None if whole else parts)
         with self._lock:
             if key in self._kept:  # another thread was quicker
                 return self._kept[key]
@@ -144,3 +168,11 @@ class Shelf:
             while len(self._kept) > 1 and self._held > KEPT_BYTES:
                 self._held -= self._kept.popitem(last=False)[1].size
         return made
+
+    def _read(self, found: Found, depth: int, parts: Parts) -> tuple[Decoded, bool]:
+        """Return a clip decoded for some parts, and whether it was decoded whole."""
+        file, rig, _ = found
+        model, family = self.model(rig, file.generation), self._store.families[rig.family_key]
+        read = parts_read(file, rig, family, model, parts)
+        references = self._references(file, rig, file.generation, depth, read)
+        return decode_states(file, rig, family, model, references, parts=read), read is None

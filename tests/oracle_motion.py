@@ -1,4 +1,4 @@
-"""A decoder of index files of version 2, from docs/format.md alone: archives, headers and heads.
+"""A decoder of index files of versions 2 and 3, from docs/format.md alone: archives, heads.
 
 Follows the sections from "Folder" on; `oracle_run` decodes the runs. Written to be checked against
 the text by eye, and slow. Shares no code with ``motifold``.
@@ -26,7 +26,10 @@ RUN = 1024
 
 
 class Header(NamedTuple):
-    """What stands before the streams; certificate: largest, mean, 99th percentile, centimetres."""
+    """What stands before the streams; certificate: largest, mean, 99th percentile, centimetres.
+
+    ``rests``: of each run, one stream, or one a body part.
+    """
 
     rig: int
     generation: int
@@ -34,7 +37,7 @@ class Header(NamedTuple):
     step_code: int
     certificate: tuple[float, float, float]
     cores: list[bytes]
-    rests: list[bytes]
+    rests: list[list[bytes]]
 
 
 @dataclass
@@ -56,7 +59,9 @@ class Decoded(NamedTuple):
 
 
 def read_header(data: bytes) -> Header:
-    assert data[:3] == b"MF\x02"
+    version = data[2]
+    assert data[:2] == b"MF"
+    assert version in (2, 3)
     at = 7
 
     def varint() -> int:
@@ -72,27 +77,46 @@ def read_header(data: bytes) -> Header:
 
     rig, generation, frames, step_code = (varint() for _ in range(4))
     runs = -(-frames // RUN)
+    streams = varint() if version == 3 else 1
+    assert streams >= version - 1
     core_lengths = [varint() for _ in range(max(runs, 1))]
-    rest_lengths = [varint() for _ in range(runs - 1)]
+    rest_lengths = [varint() for _ in range(runs * streams - 1)]
     largest_code = int.from_bytes(data[at : at + 2], "little")
     largest = 2.0 ** (largest_code / 1024 - 40) if largest_code else 0.0
     shares = [0.0 if code == 255 else largest * 2 ** (-code / 16) for code in data[at + 2 : at + 4]]
     at += 4
-    cores, rests = [], []
-    for length in core_lengths:
-        cores.append(data[at : at + length])
-        at += length
-    border = at
-    for length in rest_lengths:
-        rests.append(data[at : at + length])
+    border = at + (core_lengths[0] if version == 3 else sum(core_lengths))
+    pieces = []
+    for length in core_lengths + rest_lengths:
+        pieces.append(data[at : at + length])
         at += length
     if runs:
-        rests.append(data[at:])
+        pieces.append(data[at:])
+    if version == 3:
+        pieces[1:] = [opened(piece) for piece in pieces[1:]]
     assert crc_hqx(b"123456789", 0) == 0x31C3
-    assert crc_hqx(data[7:border], 0) == int.from_bytes(data[3:5], "little")
-    assert crc_hqx(data[border:], 0) == int.from_bytes(data[5:7], "little")
+    begun = 3 if version == 3 else 0
+    assert crc_hqx(data[7:border], begun) == int.from_bytes(data[3:5], "little")
+    assert crc_hqx(data[border:], begun) == int.from_bytes(data[5:7], "little")
     certificate = (largest, shares[0], shares[1])
+    cores, rest = pieces[: len(core_lengths)], pieces[len(core_lengths) :]
+    rests = [rest[at : at + streams] for at in range(0, len(rest), streams)]
     return Header(rig, generation, frames, step_code, certificate, cores, rests)
+
+
+def opened(piece: bytes) -> bytes:
+    """Return a stream of version 3 without its check byte."""
+    if piece:
+        assert crc_8(piece[1:]) == piece[0]
+    return piece[1:]
+
+
+def crc_8(data: bytes) -> int:
+    """Return what is left of the bytes, as a polynomial times x^8, over x^8 + x^2 + x + 1."""
+    left = int.from_bytes(data, "big") << 8
+    while left >> 8:
+        left ^= 0x107 << (left.bit_length() - 9)
+    return left
 
 
 def step_of(code: int) -> int:
@@ -230,10 +254,20 @@ def decode_file(
     runs = []
     for at in range(0, header.frames, RUN):
         core = reader if at == 0 else SymbolReader(header.cores[at // RUN])
-        rest = SymbolReader(header.rests[at // RUN])
+        rests = [SymbolReader(stream) for stream in header.rests[at // RUN]]
         run = RunReader(figure, model, step_of(header.step_code), head.fineness, poses)
-        runs.append(run.read(core, rest, min(header.frames - at, RUN), moments))
+        run.streams = streams_of(figure, rig, len(rests))
+        runs.append(run.read(core, rests, min(header.frames - at, RUN), moments))
     return Decoded(header, head, figure, runs)
+
+
+def streams_of(figure: Figure, rig: Record, streams: int) -> list[int]:
+    """Return the number of the stream of the rest that each node is in."""
+    if streams == 1:
+        return [0] * len(figure.nodes)
+    assert streams == len(rig["parts"])
+    part = {joint: k for k, part in enumerate(rig["parts"]) for joint in part["joints"]}
+    return [part[node.row % len(rig["names"])] for node in figure.nodes]
 
 
 def reference_poses(figure: Figure, states: States) -> list[Pose]:

@@ -1,4 +1,4 @@
-"""Runs of index files of version 2, from docs/format.md alone: first frames and blocks.
+"""Runs of index files of versions 2 and 3, from docs/format.md alone: first frames and blocks.
 
 Follows "Core and rest streams", "First frame" and "One node of one block". Shares no code with
 ``motifold``.
@@ -66,9 +66,10 @@ class RunReader:
         self.viewer = Viewer(figure, model, self.states)
         self.activities: list[list[int]] = [[0] * len(self.nodes)] * 2  # newest block first
         self.moments: list[Moments] = []
+        self.streams = [0] * len(self.nodes)  # of the rest, by node
 
     def read(
-        self, core: SymbolReader, rest: SymbolReader, frames: int, offered: Moments | None
+        self, core: SymbolReader, rests: list[SymbolReader], frames: int, offered: Moments | None
     ) -> States:
         """Decode; ``offered``: the moments of the references."""
         span = self.model.span
@@ -86,7 +87,7 @@ class RunReader:
                 self.moments.append(self.viewer.moments([t]))
                 t += max(span // 4, 1)
             self.moments = [joined(self.moments)] if self.moments else []
-            self.read_block(core, rest, first - 1, refinement)
+            self.read_block(core, rests, first - 1, refinement)
         return self.states[:frames]
 
     def skip_motifs(self, core: SymbolReader, frames: int) -> None:
@@ -129,7 +130,7 @@ class RunReader:
         return unit(product(state[node.guide], between(pose[guide.row], pose[node.row])))
 
     def read_block(
-        self, core: SymbolReader, rest: SymbolReader, before: int, refinement: int
+        self, core: SymbolReader, rests: list[SymbolReader], before: int, refinement: int
     ) -> None:
         span = self.model.span
         signals: Signals = {}
@@ -141,7 +142,7 @@ class RunReader:
                 for state in self.states[-span:]:
                     state.append(self.followed(node, k, state))
                 continue
-            stream = core if self.figure.is_core(k) else rest
+            stream = core if self.figure.is_core(k) else rests[self.streams[k]]
             f = refinement + self.fineness[k]
             signals[k], active[k] = self.read_node(stream, k, before, f, signals)
             for state, signal in zip(self.states[-span:], signals[k], strict=True):

@@ -306,6 +306,7 @@ WRONG = [
     (["restore", "{nowhere}", "--out", "{new}"], "no motifold archive"),
     (["restore", "{archive}", "nobody", "--out", "{new}"], "no clip 'nobody'"),
     (["restore", "{archive}", "--out", "{new}", "--tier", "best"], "unknown tier"),
+    (["archive", "{library}", "{new}", "--streams", "limbs"], "no streams are called 'limbs'"),
     (["restore", "{archive}", "--out", "{new}", "--format", "fbx"], "cannot write 'fbx'"),
     (["verify", "{library}"], "no motifold archive"),
     (["info", "{newer}"], "reads format 1. Use a newer motifold"),

@@ -1,4 +1,4 @@
-"""`docs/format.md` is enough to decode version 2: a decoder made from it finds the same states.
+"""`docs/format.md` is enough to decode versions 2 and 3: a decoder made from it finds the same.
 
 The oracle (`oracle_motion` and what it imports) was written from the text alone, in plain Python.
 It decodes the frozen archive, replaced clips too, and clips made here with all that the frozen
@@ -63,7 +63,7 @@ def assert_header(header: Header, file: MotionFile) -> None:
         file.step_code,
         (certificate.maximum, certificate.mean, certificate.percentile_99),
         list(file.cores),
-        list(file.rests or ()),
+        [list(file.rests_of(run) or ()) for run in range(-(-file.frames // 1024))],
     )
 
 
@@ -126,8 +126,13 @@ def model_of(rows: int, rate: float, seed: int, hinged: tuple[int, ...]) -> Moti
     return replace(model, up=2, still=tuple(sorted(still)), sliding=tuple(sorted(sliding)))
 
 
-def assert_decodes(recipe: Recipe | Marks, tolerance: float, learned: bool) -> set[str]:
-    """Encode a clip, and again with itself as reference; return the kinds of its nodes."""
+def assert_decodes(
+    recipe: Recipe | Marks, tolerance: float, learned: bool, by_part: bool = False
+) -> set[str]:
+    """Encode a clip, and again with itself as reference; return the kinds of its nodes.
+
+    With ``by_part`` all clips but the first are in streams per body part.
+    """
     subject = bench_of(recipe, False)
     rig, family = subject.rig, subject.codebook.family
     rows = 2 * rig.skeleton.joints
@@ -138,14 +143,15 @@ def assert_decodes(recipe: Recipe | Marks, tolerance: float, learned: bool) -> s
         model = model_of(rows, 1 / rig.frame_time, recipe.seed, hinged)
         same = read_model(write_model(model), hinged)
     rig_record, family_record = json.loads(json.dumps([rig.to_record(), family.to_record()]))
-    encoder = MotionEncoder(family, model, int(learned))
     limits = uniform_limits(subject.clip, tolerance)
     known: dict[int, Decoded] = {}
     offered: list[tuple[int, Reference]] = []
     for number in (FAR, FAR + 9, 0):  # a later clip refers to all that come before
+        encoder = MotionEncoder(family, model, int(learned), by_part and number != FAR)
         made = encoder.encode(subject.clip, rig, 12, limits, offered)
         file, header = unpack_motion(made.data), read_header(made.data)
         assert_header(header, file)
+        assert made.data[2] == 2 + (encoder.by_part and len(rig.parts) > 1)
         known[number] = decode_file(header, rig_record, family_record, same, known.__getitem__)
         references = [reference for _, reference in offered]
         assert_same(known[number], decode_states(file, rig, family, model, references))
@@ -153,19 +159,24 @@ def assert_decodes(recipe: Recipe | Marks, tolerance: float, learned: bool) -> s
     return {node.kind for node in known[0].figure.nodes}
 
 
-@given(recipes(8, 40), st.sampled_from([0.01, 0.1, 1.0]), st.booleans())
+@given(recipes(8, 40), st.sampled_from([0.01, 0.1, 1.0]), st.booleans(), st.booleans())
 @settings(max_examples=40, deadline=None)
-@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, False)
-@example(Recipe(joints=6, frames=1, motion="teleport", hinges=1.0), 0.01, False)
-@example(Recipe(joints=4, frames=40, motion="spin", tree="chain", rate=240.0), 0.1, True)
-def test_skeletons_decode_from_the_text(recipe: Recipe, tolerance: float, learned: bool) -> None:
-    assert_decodes(recipe, tolerance, learned)
+@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, False, False)
+@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, False, True)
+@example(Recipe(joints=6, frames=1, motion="teleport", hinges=1.0), 0.01, False, True)
+@example(Recipe(joints=4, frames=40, motion="spin", tree="chain", rate=240.0), 0.1, True, False)
+def test_skeletons_decode_from_the_text(
+    recipe: Recipe, tolerance: float, learned: bool, by_part: bool
+) -> None:
+    assert_decodes(recipe, tolerance, learned, by_part)
 
 
-@given(MARKS, st.sampled_from([0.01, 0.1]), st.booleans())
+@given(MARKS, st.sampled_from([0.01, 0.1]), st.booleans(), st.booleans())
 @settings(max_examples=20, deadline=None)
-def test_markers_decode_from_the_text(marks: Marks, tolerance: float, learned: bool) -> None:
-    assert_decodes(marks, tolerance, learned)
+def test_markers_decode_from_the_text(
+    marks: Marks, tolerance: float, learned: bool, by_part: bool
+) -> None:
+    assert_decodes(marks, tolerance, learned, by_part)
 
 
 def test_all_kinds_of_nodes_decode_from_the_text() -> None:
@@ -173,6 +184,7 @@ def test_all_kinds_of_nodes_decode_from_the_text() -> None:
     kinds = {"turn", "hinge", "follower", "place"}
     assert assert_decodes(recipe, 0.05, False) == kinds
     assert assert_decodes(recipe, 0.05, True) == kinds
+    assert assert_decodes(recipe, 0.05, False, True) == kinds
 
 
 @given(st.integers(0, 2**48 - 2), st.integers(1, 2**47), st.data())

@@ -1,4 +1,4 @@
-"""The envelope of version 2: whole files come back, and nothing else passes for one."""
+"""The envelope of versions 2 and 3: whole files come back, and nothing else passes for one."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracle_motion import crc_8
 
 from motifold.codec.anyfile import check_whole, unpack_any
 from motifold.codec.errors import DamagedError, MotifoldError, VersionError
@@ -20,12 +21,13 @@ from motifold.codec.streams.envelope import varint
 from motifold.codec.version2.motionfile import (
     MAGIC,
     RUN_FRAMES,
-    VERSION,
+    VERSIONS,
     MotionFile,
     pack_motion,
     runs_of,
     unpack_motion,
 )
+from motifold.codec.version2.pieces import check_byte
 
 FIXED = struct.Struct("<2sBHH")  # magic, version, checksum of header and cores, of the rests
 STREAMS = st.binary(max_size=40)
@@ -42,10 +44,11 @@ def certificates(draw: st.DrawFn) -> Errors:
 
 @st.composite
 def files(draw: st.DrawFn) -> MotionFile:
-    """Files of no run, one, or several."""
+    """Files of no run, one, or several, each with a rest of one stream or more."""
     frames = draw(st.one_of(st.integers(0, 3), st.integers(0, 6 * RUN_FRAMES)))
     runs = len(runs_of(frames))
-    rests = tuple(draw(STREAMS) for _ in range(runs))
+    streams = draw(st.integers(1, 5))
+    rests = tuple(draw(STREAMS) for _ in range(runs * streams))
     return MotionFile(
         draw(st.integers(0, 2**40)),
         draw(st.integers(0, 300)),
@@ -54,24 +57,26 @@ def files(draw: st.DrawFn) -> MotionFile:
         draw(certificates()),
         tuple(draw(STREAMS) for _ in range(max(runs, 1))),
         rests,
+        streams,
     )
 
 
-def made(seed: int, frames: int) -> MotionFile:
+def made(seed: int, frames: int, streams: int = 1) -> MotionFile:
     """A file of some ten bytes a stream."""
     rng = np.random.default_rng(seed)
     runs = len(runs_of(frames))
     cores = max(runs, 1)
-    streams = [rng.bytes(int(rng.integers(1, 20))) for _ in range(cores + runs)]
+    made = [rng.bytes(int(rng.integers(1, 20))) for _ in range(cores + runs * streams)]
     certificate = Errors(0.1, 0.02, 0.07)
     return MotionFile(
-        3, 1, frames, 5000, certificate, tuple(streams[:cores]), tuple(streams[cores:])
+        3, 1, frames, 5000, certificate, tuple(made[:cores]), tuple(made[cores:]), streams
     )
 
 
 def rest_bytes(file: MotionFile) -> int:
     assert file.rests is not None
-    return sum(map(len, file.rests))
+    sealed = file.streams > 1
+    return sum(len(rest) + (sealed and len(rest) > 0) for rest in file.rests)
 
 
 @given(files())
@@ -132,9 +137,10 @@ def test_any_prefix_that_covers_the_cores_is_enough_for_them(
         unpack_motion(whole[: data.draw(st.integers(0, cores_end - 1))], prefix_only=True)
 
 
+@pytest.mark.parametrize("streams", [1, 3])
 @pytest.mark.parametrize("frames", [0, 1, 300, 2500])
-def test_every_truncation_is_damage(frames: int) -> None:
-    data = pack_motion(made(frames, frames))
+def test_every_truncation_is_damage(frames: int, streams: int) -> None:
+    data = pack_motion(made(frames, frames, streams))
     for length in range(len(data)):
         with pytest.raises(DamagedError):
             unpack_motion(data[:length])
@@ -142,16 +148,62 @@ def test_every_truncation_is_damage(frames: int) -> None:
         unpack_motion(data + b"\1")
 
 
+@pytest.mark.parametrize("streams", [1, 3])
 @pytest.mark.parametrize("frames", [1, 2500])
-def test_every_changed_byte_is_noticed(frames: int) -> None:
-    """Whatever a byte is changed to; the version's byte may name another version."""
-    data = pack_motion(made(frames, frames))
+def test_every_changed_byte_is_noticed(frames: int, streams: int) -> None:
+    """Whatever a byte is changed to; the version's byte may name a version that is not known."""
+    data = pack_motion(made(frames, frames, streams))
     for place in range(len(data)):
         for change in range(1, 256):
             wrong = bytearray(data)
             wrong[place] ^= change
-            with pytest.raises(VersionError if place == 2 else DamagedError):
+            unknown = place == 2 and wrong[2] not in VERSIONS
+            with pytest.raises(VersionError if unknown else DamagedError):
                 unpack_motion(bytes(wrong))
+
+
+def streams_at(file: MotionFile) -> list[tuple[int, int]]:
+    """Where the streams of a packed file of version 3 are, check bytes included."""
+    streams, found = [*file.cores, *(file.rests or ())], []
+    at = len(pack_motion(file))
+    for number, stream in reversed([*enumerate(streams)]):
+        start = at - len(stream) - (number > 0 and len(stream) > 0)
+        found.append((start, at))
+        at = start
+    return found[::-1]
+
+
+@given(files().filter(lambda file: file.streams > 1), st.data())
+def test_streams_are_checked_one_by_one(file: MotionFile, data: st.DataObject) -> None:
+    """A changed byte of a stream is noticed where that is read, and hurts no other."""
+    whole = pack_motion(file)
+    where = streams_at(file)
+    place = data.draw(st.integers(where[0][0], len(whole) - 1)) if where[0][0] < len(whole) else 2
+    wrong = bytearray(whole)
+    wrong[place] ^= data.draw(st.integers(1, 255))
+    if place < where[0][1]:
+        with pytest.raises((DamagedError, VersionError)):
+            unpack_motion(bytes(wrong), piecewise=True)
+        return
+    read = unpack_motion(bytes(wrong), piecewise=True)
+    assert read.rests is not None
+    assert file.rests is not None
+    wanted, found = [*file.cores, *file.rests], [read.cores, read.rests]
+    for number, (start, stop) in enumerate(where):
+        cores = number < len(file.cores)
+        index = number if cores else number - len(file.cores)
+        if start <= place < stop:
+            with pytest.raises(DamagedError, match="checksum of a stream"):
+                found[not cores][index]
+        else:
+            assert found[not cores][index] == wanted[number]
+    assert unpack_motion(whole, piecewise=True).rests_of(0) is not None
+
+
+@given(st.binary(max_size=60))
+def test_check_bytes_are_those_of_the_text(data: bytes) -> None:
+    assert check_byte(b"123456789") == 0xF4
+    assert check_byte(data) == crc_8(data)
 
 
 @pytest.mark.parametrize("place", range(500))
@@ -174,10 +226,12 @@ def test_damage_of_the_rests_leaves_the_cores() -> None:
     assert unpack_motion(bytes(data), prefix_only=True).cores == file.cores
 
 
-def hostile(fields: list[int], body: bytes) -> bytes:
+def hostile(fields: list[int], body: bytes, version: int = VERSIONS[0]) -> bytes:
     """A file whose checksums are right, whatever its header claims."""
     prefix = b"".join(map(varint, fields)) + body
-    return FIXED.pack(MAGIC, VERSION, binascii.crc_hqx(prefix, 0), 0) + prefix  # of no rests: 0
+    begun = 0 if version == VERSIONS[0] else version
+    checks = binascii.crc_hqx(prefix, begun), begun  # of no rests: where it begins
+    return FIXED.pack(MAGIC, version, *checks) + prefix
 
 
 HUGE = 10**12
@@ -213,14 +267,33 @@ def test_hostile_headers_are_refused_quickly(
     assert time.perf_counter() - began < 1.0
 
 
-@given(st.binary(max_size=200), st.booleans())
+@pytest.mark.parametrize(
+    "fields",
+    [
+        [0, 0, 5, 5, 0, 1, 1],  # no streams
+        [0, 0, 5, 5, 1, 1, 1],  # one
+        [0, 0, 5, 5, HUGE, 1],
+        [0, 0, 5000, 5, HUGE, 1],
+        [0, 0, 5, 5, 2, 0, HUGE],
+    ],
+)
+@pytest.mark.parametrize("piecewise", [False, True])
+def test_hostile_numbers_of_streams_are_refused_quickly(fields: list[int], piecewise: bool) -> None:
+    data = hostile(fields, b"\0" * 50, VERSIONS[1])
+    began = time.perf_counter()
+    with pytest.raises(DamagedError):
+        unpack_motion(data, piecewise=piecewise)
+    assert time.perf_counter() - began < 1.0
+
+
+@given(st.binary(max_size=200), st.booleans(), st.sampled_from(VERSIONS), st.booleans())
 @settings(max_examples=200)
 def test_any_bytes_after_a_right_checksum_are_a_file_or_damage(
-    body: bytes, prefix_only: bool
+    body: bytes, prefix_only: bool, version: int, piecewise: bool
 ) -> None:
-    data = hostile([], body)
+    data = hostile([], body, version)
     try:
-        read = unpack_motion(data, prefix_only=prefix_only)
+        read = unpack_motion(data, prefix_only=prefix_only, piecewise=piecewise)
     except MotifoldError:
         return
     assert sum(map(len, (*read.cores, *(read.rests or ())))) <= len(data)
@@ -232,7 +305,7 @@ def test_what_is_no_index_file_is_damage(data: bytes) -> None:
         unpack_motion(data)
 
 
-@pytest.mark.parametrize("version", [0, 1, 3, 255])
+@pytest.mark.parametrize("version", [0, 1, 4, 255])
 def test_other_versions_are_told(version: int) -> None:
     data = bytearray(pack_motion(made(1, 5)))
     data[2] = version

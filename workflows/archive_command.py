@@ -86,6 +86,10 @@ def archive(
         list[str] | None,
         typer.Option(help="Idea to leave out: basis, parents, contexts, world. Repeatable."),
     ] = None,
+    streams: Annotated[
+        str,
+        typer.Option(help="runs, or parts: 1 to 4 % more, but a body part decodes by itself."),
+    ] = "runs",
     index: Annotated[
         bool, typer.Option("--index/--no-index", help="Keep the search catalog up to date.")
     ] = True,
@@ -113,6 +117,7 @@ def archive(
         references=references,
         model=model,  # type: ignore[arg-type]
         without=tuple(without or ()),
+        streams=streams,  # type: ignore[arg-type]
     )
     line = ProgressLine()
     report = archive_library(

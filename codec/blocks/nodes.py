@@ -59,6 +59,16 @@ class Nodes:
         table[:, FINE] = fines
         return replace(self, table=table)
 
+    def only(self, kept: IntArray) -> Nodes:
+        """Return the nodes ``kept`` (ascending), with which guides, carriers and axes must be."""
+        number = np.full(self.count + 1, -1)
+        number[kept] = np.arange(len(kept))  # the last one stays: -1 is none
+        table = self.table[kept]
+        for column in (GUIDE, CARRIER, AXES):
+            table[:, column] = number[table[:, column]]
+        levels = np.searchsorted(kept, self.levels)
+        return Nodes(table, levels, int(number[self.top]), int(number[self.path]))
+
     @cached_property
     def of_joint(self) -> dict[tuple[bool, int], int]:
         """Node number by (is it a place?, joint)."""

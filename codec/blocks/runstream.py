@@ -1,13 +1,15 @@
-"""A run of frames as two entropy-coded streams: the core, then the rest.
+"""A run of frames as entropy-coded streams: the core, then the rest.
 
 The core holds the first pose, the blocks' refinements and the coefficients of the root: its
-turn and its path. It decodes without the rest. The rest holds all other coefficients. Numbers
-stand block by block, in the order of the nodes, so that a prefix of the frames decodes too.
+turn and its path. It decodes without the rest. The rest holds all other coefficients, in one
+stream, or in one stream a body part, so that a part decodes without others. Numbers stand block
+by block, in the order of the nodes, so that a prefix of the frames decodes too.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +22,9 @@ from .blockcontext import pose as pose_node
 from .blockwalk import Walk
 from .motifs import preview_state, read_motifs, write_motifs
 from .motionmodel import SIGNS, MotionModel
+from .nodegroups import CORE, groups_of
 from .nodes import FOLLOWER, KIND, Nodes
+from .partnodes import core_nodes
 from .recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
 from .startpose import start_classes, start_node
 
@@ -32,13 +36,19 @@ class Known:
     """What encoder and decoder share of a run's surroundings.
 
     ``memory`` and ``poses`` are those of the clip's references; pose 0 of ``poses`` (poses,
-    rows, 4) is the family's usual one.
+    rows, 4) is the family's usual one. ``streams``: (nodes,) in which stream of the rest each
+    node's coefficients are; core and followers have none there.
     """
 
     nodes: Nodes
     model: MotionModel
     memory: Memory
     poses: IntArray
+    streams: IntArray
+
+    def only(self, kept: IntArray) -> Known:
+        """Return the same for the nodes ``kept`` alone; see `Nodes.only`."""
+        return replace(self, nodes=self.nodes.only(kept), streams=self.streams[kept])
 
 
 @dataclass(frozen=True)
@@ -50,27 +60,28 @@ class Start:
     quantised: IntArray
 
 
-def core_nodes(nodes: Nodes) -> list[int]:
-    """Return the nodes of the core."""
-    return sorted(node for node in {nodes.top, nodes.path} if node >= 0)
-
-
 def write_run(
-    known: Known, step: int, start: Start, motifs: IntArray, walk: Walk, core: SymbolWriter
-) -> bytes:
-    """Write the core of a run to ``core``, and return its rest; ``motifs``: see `motifs`."""
-    nodes, rest = known.nodes, SymbolWriter()
+    known: Known,
+    step: int,
+    start: Start,
+    motifs: IntArray,
+    walk: Walk,
+    core: SymbolWriter,
+    streams: int = 1,
+) -> list[bytes]:
+    """Write the core of a run to ``core``, and return the streams of its rest.
+
+    ``motifs``: see `motifs`; ``streams``: how many there are.
+    """
+    nodes = known.nodes
     core.uniform([start.pose], len(known.poses))
     core.number(start.fine)
     classes = start_classes(nodes, known.model, start.pose, step, start.fine)
     core.sized(start.quantised.ravel(), classes.ravel())
     write_motifs(core, motifs, len(known.poses), start.pose)
     in_core = core_nodes(nodes)
-    others = [
-        node
-        for node in range(nodes.count)
-        if node not in in_core and nodes.table[node, KIND] != FOLLOWER
-    ]
+    in_rest = nodes.table[:, KIND] != FOLLOWER
+    in_rest[in_core] = False
     refined = bool(walk.fines.any())
     core.uniform([int(refined)], 2)
     before = 0
@@ -79,34 +90,49 @@ def write_run(
             core.sized(np.array([fine - before]), np.array([_REFINEMENT_CLASS]))
             before = fine
         core.sized(walk.quantised[block, in_core].ravel(), walk.classes[block, in_core].ravel())
-    rest.sized(walk.quantised[:, others].ravel(), walk.classes[:, others].ravel())
-    return rest.to_bytes()
+    rests = []
+    for stream in range(streams):
+        members, rest = in_rest & (known.streams == stream), SymbolWriter()
+        rest.sized(walk.quantised[:, members].ravel(), walk.classes[:, members].ravel())
+        rests.append(rest.to_bytes())
+    return rests
 
 
 def read_run(
-    known: Known, step: int, frames: int, core: SymbolReader, rest: bytes | None
+    known: Known,
+    step: int,
+    frames: int,
+    core: SymbolReader,
+    rests: Sequence[bytes] | None,
+    kept: IntArray | None = None,
 ) -> IntArray:
     """Return the decoded state (frames, nodes, 4) of a run, its core read from ``core``.
 
-    Without ``rest`` only the core is read: the figure's exact path, and its motifs for the
-    rest of the body. Raises `DamagedError`.
+    Without ``rests`` only the core is read: the figure's exact path, and its motifs for the
+    rest of the body. ``kept``: the nodes to decode, all that are in their streams, and those
+    that they depend on; no other streams are looked at. Raises `DamagedError`.
     """
-    nodes, model = known.nodes, known.model
-    other = None if rest is None else SymbolReader(rest)
+    model = known.model
     number = int(core.uniform(1, len(known.poses))[0])
     fine = core.number()
     if fine > MOST_FINE:
         raise DamagedError(f"claims a first pose refined {fine} times")
-    classes = start_classes(nodes, model, number, step, fine)
+    classes = start_classes(known.nodes, model, number, step, fine)
     differences = core.sized(classes.ravel()).reshape(-1, 3)
+    if kept is not None:
+        known, differences = known.only(kept), differences[kept]
+    nodes = known.nodes
     blocks = -(-(frames - 1) // model.span)
     state = np.zeros((1 + blocks * model.span, nodes.count, 4), np.int64)
     begin(state, nodes, known.poses, Start(number, fine, differences), step)
     motifs = read_motifs(core, frames, len(known.poses), number)
     refined = bool(core.uniform(1, 2)[0])
     walker = _Walker(known, state, step, frames)
-    in_core = core_nodes(nodes)
-    groups = _groups(nodes, in_core)
+    groups = groups_of(nodes, known.streams, rests is None)
+    readers = {CORE: core}
+    for stream in {share.stream for group in groups for share in group.shares} - {CORE}:
+        assert rests is not None
+        readers[stream] = SymbolReader(rests[stream])
     fine = 0
     for block in range(blocks):
         if refined:
@@ -114,20 +140,16 @@ def read_run(
             if not 0 <= fine <= MOST_FINE:
                 raise DamagedError(f"claims a block refined {fine} times")
         for group in groups:
-            if other is None and group[0] not in in_core:
-                continue
-            source = core if group[0] in in_core else other
-            coded = nodes.table[group[0], KIND] != FOLLOWER
-            if coded:
-                walker.expect(group, block, fine)
-            if coded:
-                assert source is not None
-                kinds = walker.classes[: len(group)]
-                walker.quantised[group] = source.sized(kinds.ravel()).reshape(kinds.shape)
-            walker.settle(group, block, fine)
+            if group.shares:
+                walker.expect(group.nodes, block, fine)
+            for share in group.shares:
+                kinds = walker.classes[share.low : share.high]
+                numbers = readers[share.stream].sized(kinds.ravel())
+                walker.quantised[group.nodes[share.low : share.high]] = numbers.reshape(kinds.shape)
+            walker.settle(group.nodes, block, fine)
         walker.next(block)
-    if other is None:
-        return preview_state(state[:frames], nodes, in_core, known.poses, motifs)
+    if rests is None:
+        return preview_state(state[:frames], nodes, core_nodes(nodes), known.poses, motifs)
     return state[:frames]
 
 
@@ -137,19 +159,6 @@ def begin(state: IntArray, nodes: Nodes, poses: IntArray, start: Start, step: in
         differences = start.quantised[node]
         pose = poses[start.pose]
         start_node(state, node, nodes.table, pose, poses[0], differences, step, start.fine)
-
-
-def _groups(nodes: Nodes, in_core: list[int]) -> list[IntArray]:
-    """Return the nodes that are decoded together: the core's one by one, then by level.
-
-    A group is all followers, or has none.
-    """
-    groups = [[node] for node in in_core]
-    for low, high in zip(nodes.levels[:-1].tolist(), nodes.levels[1:].tolist(), strict=True):
-        level = [node for node in range(low, high) if node not in in_core]
-        groups.append([node for node in level if nodes.table[node, KIND] == FOLLOWER])
-        groups.append([node for node in level if nodes.table[node, KIND] != FOLLOWER])
-    return [np.array(group, np.int64) for group in groups if group]
 
 
 class _Walker:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,19 +26,16 @@ def only_parts(clip: Clip, rig: Rig, names: Collection[str] | None) -> Clip:
         positions = clip.positions.copy()
         positions[:, skipped] = np.nan
         return replace(clip, positions=positions)
-    rotations = clip.rotations.copy()
+    rotations, translations = clip.rotations.copy(), clip.translations.copy()
     rotations[:, skipped] = np.eye(3)
-    return replace(clip, rotations=rotations)
+    translations[:, skipped] = clip.skeleton.offsets[skipped]
+    return replace(clip, rotations=rotations, translations=translations)
 
 
 def with_ancestors(
     parts: Sequence[BodyPart], skeleton: Skeleton, names: Collection[str] | None
 ) -> set[int]:
-    """Return the parts to decode: the named ones, and those above them.
-
-    Above in the hierarchy of parts, which the integers are relative to, and in the skeleton: a
-    Biped's thighs hang on its spine, while the leg's parent part is the root. Raises `UsageError`.
-    """
+    """Return the parts to decode: the named ones, and those `above` them. Raises `UsageError`."""
     if names is None:
         return set(range(len(parts)))
     known = {part.name: number for number, part in enumerate(parts)}
@@ -47,14 +44,23 @@ def with_ancestors(
         raise UsageError(
             f"no body part {', '.join(unknown)}", advice=f"Choose from {', '.join(known)}"
         )
+    return above(parts, skeleton, (known[name] for name in names))
+
+
+def above(parts: Sequence[BodyPart], skeleton: Skeleton, numbers: Iterable[int]) -> set[int]:
+    """Return the parts of these numbers, the root part, and all parts above them.
+
+    Above in the hierarchy of parts, which integers of version 1 and markers are relative to, and
+    in the skeleton: a Biped's thighs hang on its spine, while the leg's parent part is the root.
+    """
     owner = {joint: number for number, part in enumerate(parts) for joint in part.joints}
-    waiting = [0, *(known[name] for name in names)]
+    waiting = [0, *numbers]
     wanted: set[int] = set()
     while waiting:
         number = waiting.pop()
         if number in wanted:
             continue
         wanted.add(number)
-        above = {owner.get(int(skeleton.parents[joint]), 0) for joint in parts[number].joints}
-        waiting += [*above, max(parts[number].parent, 0)]
+        carriers = {owner.get(int(skeleton.parents[joint]), 0) for joint in parts[number].joints}
+        waiting += [*carriers, max(parts[number].parent, 0)]
     return wanted

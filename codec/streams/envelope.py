@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Protocol, overload
+
 from ..errors import DamagedError
 
 FRAME_LIMIT = 1 << 28
 LEAST_BITS = 0.02
+
+
+class Readable(Protocol):
+    """Bytes, or what reads them from a file when they are asked for."""
+
+    def __len__(self) -> int: ...
+
+    @overload
+    def __getitem__(self, index: int, /) -> int: ...
+    @overload
+    def __getitem__(self, index: slice, /) -> bytes: ...
 
 
 def varint(value: int) -> bytes:
@@ -18,7 +31,7 @@ def varint(value: int) -> bytes:
     return bytes(out)
 
 
-def read_varint(data: bytes, at: int) -> tuple[int, int]:
+def read_varint(data: Readable, at: int) -> tuple[int, int]:
     """Return the number at byte ``at`` and where it ends. Raises `DamagedError`."""
     value = 0
     for shift in range(0, 63, 7):

@@ -15,6 +15,7 @@ from ..blocks.motifs import choose_motifs
 from ..blocks.motionmodel import MotionModel
 from ..blocks.nodes import JOINT, KIND, PLACE, Nodes
 from ..blocks.offered import Reference
+from ..blocks.partnodes import stream_numbers
 from ..blocks.recall import joined
 from ..blocks.runstream import Known, Start
 from ..blocks.startpose import choose_start, nearest_pose, start_classes, usual_pose
@@ -27,12 +28,21 @@ from ..geometry.rotations import from_quaternions
 
 
 def known_of(
-    nodes: Nodes, rig: Rig, family: Family, model: MotionModel, references: Sequence[Reference]
+    nodes: Nodes,
+    rig: Rig,
+    family: Family,
+    model: MotionModel,
+    references: Sequence[Reference],
+    streams: int = 1,
 ) -> Known:
-    """Return what a clip with these references is coded against."""
+    """Return what a clip with these references is coded against.
+
+    ``streams``: how many the rest of each run has; see `partnodes.stream_numbers`.
+    """
     memory = joined([reference.memory for reference in references], model.rows, model.channels)
     poses = [usual_pose(rig, family)[None], *(reference.poses for reference in references)]
-    return Known(nodes, model, memory, np.concatenate(poses))
+    in_streams = stream_numbers(nodes, rig.parts, streams)
+    return Known(nodes, model, memory, np.concatenate(poses), in_streams)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,18 +79,24 @@ def code_run(
 
 
 def clip_of(rig: Rig, nodes: Nodes, states: Sequence[IntArray], seen: BoolArray | None) -> Clip:
-    """Return the clip of decoded runs; ``seen`` (frames, markers) says where markers have gaps."""
+    """Return the clip of decoded runs; ``seen`` (frames, markers) says where markers have gaps.
+
+    Where only some parts were decoded, joints of others stand as the world does, their
+    translations at rest, and markers of others are gaps.
+    """
     empty = np.zeros((0, nodes.count, 4), np.int64)
     state = np.concatenate([empty, *states])
     if rig.kind == "markers":
-        order = [nodes.of_joint[True, marker] for marker in range(rig.skeleton.joints)]
-        positions = state[:, order, :3] / float(1 << UNIT_BITS)
+        positions = np.full((len(state), rig.skeleton.joints, 3), np.nan)
+        positions[:, nodes.table[:, JOINT]] = state[..., :3] / float(1 << UNIT_BITS)
         if seen is not None:
             positions[~seen] = np.nan
         return MarkerClip(rig.skeleton.names, rig.frame_time, positions, rig.layout)
     skeleton = rig.skeleton
-    turns = [nodes.of_joint[False, joint] for joint in range(skeleton.joints)]
-    world = conformed(skeleton, rig.layout, from_quaternions(state[:, turns] / float(ONE)))
+    turns = np.tile(np.array([ONE, 0, 0, 0], np.int64), (len(state), skeleton.joints, 1))
+    turning = np.flatnonzero(nodes.table[:, KIND] != PLACE)
+    turns[:, nodes.table[turning, JOINT]] = state[:, turning]
+    world = conformed(skeleton, rig.layout, from_quaternions(turns / float(ONE)))
     local = local_rotations(skeleton, world)
     shifts = np.broadcast_to(skeleton.offsets, (len(state), skeleton.joints, 3)).copy()
     for node in np.flatnonzero(nodes.table[:, KIND] == PLACE).tolist():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from ..arithmetic.fixedpoint import ONE
 from ..blocks.motionmodel import MotionModel
 from ..blocks.nodes import Nodes, marker_nodes, skeleton_nodes
 from ..blocks.offered import Reference
+from ..blocks.partnodes import needed_parts, nodes_of_parts
 from ..blocks.runstream import read_run
 from ..clip import Clip, IntArray
 from ..errors import DamagedError, UsageError
@@ -21,6 +22,7 @@ from ..streams.quantiser import step_of
 from .motioncodec import clip_of, known_of
 from .motionfile import MotionFile, runs_of
 from .motionhead import Head, read_head
+from .pieces import size_of
 
 STEP_UNITS = float(1 << 24)
 # A frame of a clip in which nothing moves costs nothing; so many nodes of it count as one
@@ -47,7 +49,7 @@ def step_units(code: int) -> int:
 
 def _coded_bytes(file: MotionFile) -> int:
     """Return the bytes of a file's streams, with something on account for a clip at rest."""
-    return sum(map(len, file.cores)) + sum(map(len, file.rests or ())) + 240
+    return size_of(file.cores) + size_of(file.rests or ()) + 240
 
 
 def nodes_of(rig: Rig, family: Family, head: Head) -> Nodes:
@@ -69,31 +71,54 @@ def decode_states(
     core_only: bool = False,
     start: int = 0,
     stop: int | None = None,
+    parts: Collection[int] | None = None,
 ) -> Decoded:
     """Return the decoded runs of an index file that the frames ``start`` to ``stop`` touch.
 
     ``references``: in the order of the head. With ``core_only`` the figure follows its
-    root's path and does what is expected of it. Raises `DamagedError`.
+    root's path and does what is expected of it. ``parts``: as by `parts_read`; only their
+    nodes, and the core's, are decoded, and of the references only the same parts must be.
+    Nothing else is taken from the file's streams. Raises `DamagedError`.
     """
     first = SymbolReader(file.cores[0])
     head = read_head(first, rig, file.frames, model.still, model.sliding)
     if len(references) != len(head.references):
         raise UsageError(f"{len(references)} references for {len(head.references)}")
     nodes = nodes_of(rig, family, head)
-    known = known_of(nodes, rig, family, model, references)
+    known = known_of(nodes, rig, family, model, references, file.streams)
+    kept = None if parts is None else nodes_of_parts(nodes, rig.parts, parts)
+    decoded = nodes if kept is None else nodes.only(kept)
     check_room(file.frames, 1 + nodes.count // ROOM_NODES, _coded_bytes(file))
     step, states = step_units(file.step_code), []
     last = file.frames if stop is None else stop
     for number, (low, high) in enumerate(runs_of(file.frames)):
-        core = first if number == 0 else SymbolReader(file.cores[number])
-        rest = None if core_only or file.rests is None else file.rests[number]
         if high <= start or low >= last:
-            untouched = np.zeros((high - low, nodes.count, 4), np.int64)
+            untouched = np.zeros((high - low, decoded.count, 4), np.int64)
             untouched[..., 0] = ONE  # standing in for what nobody asked for
             states.append(untouched)
-        else:
-            states.append(read_run(known, step, high - low, core, rest))
-    return Decoded(head, nodes, tuple(states))
+            continue
+        core = first if number == 0 else SymbolReader(file.cores[number])
+        rests = None if core_only else file.rests_of(number)
+        states.append(read_run(known, step, high - low, core, rests, kept))
+    return Decoded(head, decoded, tuple(states))
+
+
+def parts_read(
+    file: MotionFile,
+    rig: Rig,
+    family: Family,
+    model: MotionModel,
+    wanted: Collection[int] | None,
+    core_only: bool = False,
+) -> frozenset[int] | None:
+    """Return the parts of an index file to decode for the ``wanted`` ones; None means all.
+
+    All, too, where a run's rest is one stream. Raises `DamagedError`.
+    """
+    if wanted is None or (file.streams == 1 and not core_only):
+        return None
+    head = read_head(SymbolReader(file.cores[0]), rig, file.frames, model.still, model.sliding)
+    return needed_parts(nodes_of(rig, family, head), rig, wanted)
 
 
 def decode_motion(
@@ -106,10 +131,15 @@ def decode_motion(
     core_only: bool = False,
     start: int = 0,
     stop: int | None = None,
+    parts: Collection[int] | None = None,
 ) -> Clip:
     """Return the clip of an index file; see `decode_states`. Raises `DamagedError`."""
     decoded = decode_states(
-        file, rig, family, model, references, core_only=core_only, start=start, stop=stop
+        *(file, rig, family, model, references),
+        core_only=core_only,
+        start=start,
+        stop=stop,
+        parts=parts,
     )
     try:
         return clip_of(rig, decoded.nodes, decoded.states, decoded.head.seen)

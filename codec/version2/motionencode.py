@@ -48,12 +48,14 @@ class EncodedMotion:
 class MotionEncoder:
     """Encodes clips of one rig family with one motion model.
 
-    ``generation``: of the model, 0 for a fixed one.
+    ``generation``: of the model, 0 for a fixed one; ``by_part``: whether each body part is in
+    streams of its own.
     """
 
     family: Family
     model: MotionModel
     generation: int
+    by_part: bool = False
 
     def encode(
         self,
@@ -72,7 +74,8 @@ class MotionEncoder:
         margin = min(TEXT_MARGIN, limits.least / 30.0)
         goal = goal_of(clip, rig, self.family, limits)
         decoded_from = [reference for _, reference in references]
-        known = known_of(goal.nodes, rig, self.family, self.model, decoded_from)
+        streams = len(rig.parts) if self.by_part else 1
+        known = known_of(goal.nodes, rig, self.family, self.model, decoded_from, streams)
         head = Head(
             tuple(number for number, _ in references),
             goal.still,
@@ -85,7 +88,7 @@ class MotionEncoder:
             aimed = _tightened(goal, limits, margin, tightness)
             mean = None if limits.mean is None else limits.mean * min(tightness, 1.0)
             code, runs = self._search(known, aimed, mean)
-            file = self._file(head, rig, rig_number, clip.frames, code, known, runs)
+            file = self._file(head, rig, rig_number, clip.frames, code, known, runs, streams)
             data = pack_motion(file)
             decoded = decode_states(unpack_motion(data), rig, self.family, self.model, decoded_from)
             found = clip_of(rig, decoded.nodes, decoded.states, decoded.head.seen)
@@ -158,12 +161,15 @@ class MotionEncoder:
         code: int,
         known: Known,
         runs: list[CodedRun],
+        streams: int,
     ) -> MotionFile:
         cores = [SymbolWriter() for _ in runs] or [SymbolWriter()]
         write_head(cores[0], head, rig, self.model.still, self.model.sliding)
+        step = step_units(code)
         rests = [
-            write_run(known, step_units(code), run.start, run.motifs, run.walk, core)
+            rest
             for run, core in zip(runs, cores, strict=False)
+            for rest in write_run(known, step, run.start, run.motifs, run.walk, core, streams)
         ]
         return MotionFile(
             rig_number,
@@ -173,6 +179,7 @@ class MotionEncoder:
             Errors(0.0, 0.0, 0.0),
             tuple(core.to_bytes() for core in cores),
             tuple(rests),
+            streams,
         )
 
 

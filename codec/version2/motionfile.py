@@ -1,4 +1,6 @@
-"""The container of version 2: what one archived clip is, from magic to the last run.
+"""The container of versions 2 and 3: what one archived clip is, from magic to the last run.
+
+Version 3 is version 2 with the rest of every run in one stream a body part.
 
 Byte by byte in ``docs/format.md``. This module knows the envelope only: the coded streams are
 opaque bytes here.
@@ -9,14 +11,17 @@ from __future__ import annotations
 import binascii
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
 from ..errors import DamagedError, VersionError
 from ..geometry.metrics import Errors
-from ..streams.envelope import FRAME_LIMIT, read_varint, varint
+from ..streams.envelope import FRAME_LIMIT, Readable, read_varint, varint
+from .pieces import Piece, Pieces, sealed
 
 MAGIC = b"MF"
-VERSION = 2
+VERSIONS = 2, 3  # with one stream in the rest of a run, with several
 RUN_FRAMES = 1024  # longer clips are cut into runs that decode on their own
 _FIXED = struct.Struct("<2sBHH")
 _CERTIFICATE = struct.Struct("<HBB")
@@ -27,14 +32,16 @@ _SHARE = 16.0  # codes an octave of the mean's and the percentile's share of the
 
 @dataclass(frozen=True)
 class MotionFile:
-    """The parts of an index file of version 2.
+    """The parts of an index file of version 2 or 3.
 
     ``rig``: number of the clip's rig in the store; ``generation``: that of the motion model it
     was coded with, 0 for the fixed one; ``step_code``: see `quantiser`; ``certificate``: the
     errors that the encoder measured on its own decode, centimetres, never understated (mean
     and percentile are kept as shares of the maximum, in sixteenths of an octave);
     ``cores`` and ``rests``: the streams of every run; the first core begins with the head, and
-    is there even without a run. ``rests`` is None when only the prefix was read.
+    is there even without a run. ``rests``: those of the first run, then those of the second …;
+    None when only the prefix was read. ``streams``: how many the rest of a run has: 1, or one a
+    body part. A file that is read piecewise checks them when they are asked for.
     """
 
     rig: int
@@ -42,8 +49,15 @@ class MotionFile:
     frames: int
     step_code: int
     certificate: Errors
-    cores: tuple[bytes, ...]
-    rests: tuple[bytes, ...] | None
+    cores: Sequence[bytes]
+    rests: Sequence[bytes] | None
+    streams: int = 1
+
+    def rests_of(self, run: int) -> Sequence[bytes] | None:
+        """Return the streams of a run's rest, or None when only the prefix was read."""
+        if self.rests is None:
+            return None
+        return self.rests[run * self.streams : (run + 1) * self.streams]
 
 
 def runs_of(frames: int) -> list[tuple[int, int]]:
@@ -54,81 +68,98 @@ def runs_of(frames: int) -> list[tuple[int, int]]:
 def pack_motion(file: MotionFile) -> bytes:
     """Return the bytes of a complete index file."""
     assert file.rests is not None, "a prefix cannot be packed"
+    cores, rests, streams = [*file.cores], [*file.rests], []
+    if file.streams > 1:
+        cores[1:], rests = map(sealed, cores[1:]), [*map(sealed, rests)]
+        streams = [file.streams]
     certificate = file.certificate
     largest = told(certificate.maximum)
-    lengths = [*map(len, file.cores), *(len(rest) for rest in file.rests[:-1])]
-    fields = (file.rig, file.generation, file.frames, file.step_code, *lengths)
+    lengths = [*map(len, cores), *map(len, rests[:-1])]
+    fields = (file.rig, file.generation, file.frames, file.step_code, *streams, *lengths)
     prefix = b"".join(varint(value) for value in fields)
     prefix += _CERTIFICATE.pack(
         _largest_code(certificate.maximum),
         _share_code(certificate.mean, largest),
         _share_code(certificate.percentile_99, largest),
     )
-    prefix += b"".join(file.cores)
-    rest = b"".join(file.rests)
-    checks = binascii.crc_hqx(prefix, 0), binascii.crc_hqx(rest, 0)
-    fixed = _FIXED.pack(MAGIC, VERSION, *checks)
-    return fixed + prefix + rest
+    first = 1 if streams else len(cores)
+    prefix += b"".join(cores[:first])
+    rest = b"".join((*cores[first:], *rests))
+    version = VERSIONS[bool(streams)]
+    checks = _checksum(prefix, version), _checksum(rest, version)
+    return _FIXED.pack(MAGIC, version, *checks) + prefix + rest
 
 
-def unpack_motion(data: bytes, *, prefix_only: bool = False) -> MotionFile:
-    """Return the parts of an index file of version 2, checked against its checksums.
+def unpack_motion(
+    data: Readable, *, prefix_only: bool = False, piecewise: bool = False
+) -> MotionFile:
+    """Return the parts of an index file of version 2 or 3, checked against its checksums.
 
     With ``prefix_only`` the rests are neither needed nor read, so ``data`` may be any prefix
-    that covers the cores. Raises `DamagedError` or `VersionError`.
+    that covers the cores. With ``piecewise`` the streams of version 3, but the first, are read
+    and checked one by one when they are asked for. Raises `DamagedError` or `VersionError`.
     """
     if len(data) < _FIXED.size:
         raise DamagedError("the index file ends in its header", place=f"byte {len(data)}")
-    magic, version, prefix_crc, rest_crc = _FIXED.unpack_from(data)
+    magic, version, prefix_crc, rest_crc = _FIXED.unpack(data[: _FIXED.size])
     if magic != MAGIC:
         raise DamagedError("not an index file (no MF magic)", place="byte 0")
-    if version != VERSION:
+    if version not in VERSIONS:
         raise VersionError(
-            f"index file version {version}; this motifold reads versions 1 and 2",
+            f"index file version {version}; this motifold reads versions 1 to {VERSIONS[-1]}",
             place="byte 2",
             advice="Use a newer motifold",
         )
-    fields, at = _varints(data, _FIXED.size, 4)
-    rig, generation, frames, step_code = fields
+    by_part = version == VERSIONS[1]
+    fields, at = _varints(data, _FIXED.size, 5 if by_part else 4)
+    rig, generation, frames, step_code = fields[:4]
+    streams = fields[4] if by_part else 1
+    if streams < 1 + by_part:
+        raise DamagedError(f"claims {streams} streams a run", place=f"byte {_FIXED.size}")
     if frames > FRAME_LIMIT or frames > RUN_FRAMES * len(data):
         raise DamagedError(f"claims {frames} frames", place=f"byte {_FIXED.size}")
     runs = len(runs_of(frames))
     cores = max(runs, 1)
-    lengths, at = _varints(data, at, cores + max(runs - 1, 0))
-    shares = at
-    at += _CERTIFICATE.size
-    cores_end = at + sum(lengths[:cores])
+    lengths, at = _varints(data, at, cores + max(runs * streams - 1, 0))
+    shares, at = at, at + _CERTIFICATE.size
+    first = 1 if by_part else cores  # cores that the first checksum is of
+    borders = [at, *(at + end for end in accumulate(lengths))]
+    checked, cores_end = borders[first], borders[cores]
     if cores_end > len(data):
         raise DamagedError("the index file ends in its cores", place=f"byte {len(data)}")
-    if binascii.crc_hqx(data[_FIXED.size : cores_end], 0) != prefix_crc:
+    if _checksum(data[_FIXED.size : checked], version) != prefix_crc:
         raise DamagedError("checksum of header and cores is wrong", place="byte 3")
-    pieces = []
-    for length in lengths[:cores]:
-        pieces.append(data[at : at + length])
-        at += length
-    rests = None
     if not prefix_only:
-        if binascii.crc_hqx(data[cores_end:], 0) != rest_crc:
-            raise DamagedError("checksum of the rests is wrong", place=f"byte {cores_end}")
-        rests = _cut(data, cores_end, lengths[cores:], runs)
-    code, mean, percentile = _CERTIFICATE.unpack_from(data, shares)
+        whole = not (by_part and piecewise)
+        if whole and _checksum(data[checked : len(data)], version) != rest_crc:
+            what = "streams" if by_part else "rests"
+            raise DamagedError(f"checksum of the {what} is wrong", place=f"byte {checked}")
+        if borders[-1] > len(data):
+            raise DamagedError("the index file ends in its rests", place=f"byte {len(data)}")
+    if runs:
+        borders.append(len(data))
+    pieces = [
+        Piece(start, stop, by_part and number > 0)
+        for number, (start, stop) in enumerate(pairwise(borders))
+    ]
+    in_cores: Sequence[bytes] = Pieces(data, tuple(pieces[:cores]))
+    in_rests: Sequence[bytes] | None = Pieces(data, tuple(pieces[cores:]))
+    if prefix_only:
+        in_rests = None
+    if not (by_part and piecewise):
+        in_cores, in_rests = tuple(in_cores), None if in_rests is None else tuple(in_rests)
+    code, mean, percentile = _CERTIFICATE.unpack(data[shares:at])
     largest = _of_largest(code)
     certificate = Errors(largest, _of_share(mean, largest), _of_share(percentile, largest))
-    return MotionFile(rig, generation, frames, step_code, certificate, tuple(pieces), rests)
+    return MotionFile(rig, generation, frames, step_code, certificate, in_cores, in_rests, streams)
 
 
-def _cut(data: bytes, at: int, lengths: list[int], runs: int) -> tuple[bytes, ...]:
-    """Return the rests, the last of which goes to the end of the file."""
-    rests = []
-    for length in lengths:
-        rests.append(data[at : at + length])
-        at += length
-    if at > len(data):
-        raise DamagedError("the index file ends in its rests", place=f"byte {len(data)}")
-    return (*rests, data[at:]) if runs else ()
+def _checksum(data: bytes, version: int) -> int:
+    """Return a CRC-16 that no file of the other version has of the same bytes."""
+    return binascii.crc_hqx(data, 0 if version == VERSIONS[0] else version)
 
 
-def _varints(data: bytes, at: int, count: int) -> tuple[list[int], int]:
+def _varints(data: Readable, at: int, count: int) -> tuple[list[int], int]:
     values = []
     for _ in range(count):
         value, at = read_varint(data, at)
