@@ -253,6 +253,23 @@ def test_restore_has_formats_and_tiers(small_archive: Path, tmp_path: Path) -> N
     assert away[:, 0].max() < 1e-9, "the root path is exact"
 
 
+def test_a_part_of_an_archive_with_streams_per_part_comes_back(
+    small_library: Path, tmp_path: Path
+) -> None:
+    done = said(
+        *("archive", small_library, tmp_path / "a", "--include", "run_*", "--workers", 0),
+        *("--streams", "parts", "--model", "fixed", "--no-index"),
+    )
+    assert done["clips"] == 3
+    name = "run_proud_actor2_take01.bvh"
+    words = ("--parts", "left_arm, head", "--from", "0.5s", "--to", "1s", "--out", tmp_path / "out")
+    done = said("restore", tmp_path / "a", name, *words)
+    with np.load(done["files"][name]) as found:
+        assert found["positions"].shape[0] == 16
+        assert "Head" in found["names"]
+        assert not [joint for joint in found["names"] if "Leg" in joint or "Right" in joint]
+
+
 def test_restore_that_fails_in_part_ends_with_3(small_archive: Path, tmp_path: Path) -> None:
     archive = copied(small_archive, tmp_path / "a")
     with Archive(archive) as opened:
@@ -306,6 +323,12 @@ WRONG = [
     (["restore", "{nowhere}", "--out", "{new}"], "no motifold archive"),
     (["restore", "{archive}", "nobody", "--out", "{new}"], "no clip 'nobody'"),
     (["restore", "{archive}", "--out", "{new}", "--tier", "best"], "unknown tier"),
+    (["restore", "{archive}", "--out", "{new}", "--from", "late"], "no time"),
+    (["restore", "{archive}", "--out", "{new}", "--from", "2s", "--to", "1s"], "nothing lies"),
+    (
+        ["restore", "{archive}", "--out", "{new}", "--parts", "head", "--format", "bvh"],
+        "a BVH file cannot hold",
+    ),
     (["archive", "{library}", "{new}", "--streams", "limbs"], "no streams are called 'limbs'"),
     (["restore", "{archive}", "--out", "{new}", "--format", "fbx"], "cannot write 'fbx'"),
     (["verify", "{library}"], "no motifold archive"),

@@ -32,6 +32,38 @@ def only_parts(clip: Clip, rig: Rig, names: Collection[str] | None) -> Clip:
     return replace(clip, rotations=rotations, translations=translations)
 
 
+def cut_to_parts(clip: Clip, rig: Rig, names: Collection[str]) -> Clip:
+    """Return a clip of nothing but the named parts, and those above them, for a file of its own.
+
+    A skeleton's other joints and end sites are gone, not at rest. Raises `UsageError` for unknown
+    parts.
+    """
+    wanted = with_ancestors(rig.parts, rig.skeleton, names)
+    joints = sorted(joint for number in wanted for joint in rig.parts[number].joints)
+    if isinstance(clip, MarkerClip):
+        kept = tuple(clip.names[marker] for marker in joints)
+        return replace(clip, names=kept, positions=clip.positions[:, joints])
+    skeleton, channels = clip.skeleton, clip.layout.channels
+    number = np.full(skeleton.joints + 1, -1)
+    number[joints] = np.arange(len(joints))  # the last one stays: -1 is none
+    ends = np.isin(skeleton.end_parents, joints)
+    smaller = Skeleton(
+        tuple(skeleton.names[joint] for joint in joints),
+        number[skeleton.parents[joints]],
+        skeleton.offsets[joints],
+        number[skeleton.end_parents[ends]],
+        skeleton.end_offsets[ends],
+    )
+    layout = replace(clip.layout, channels=tuple(channels[j] for j in joints if channels))
+    return replace(
+        clip,
+        skeleton=smaller,
+        rotations=clip.rotations[:, joints],
+        translations=clip.translations[:, joints],
+        layout=layout,
+    )
+
+
 def with_ancestors(
     parts: Sequence[BodyPart], skeleton: Skeleton, names: Collection[str] | None
 ) -> set[int]:
