@@ -38,19 +38,25 @@ from motifold.pipeline import Archive
 from motifold.pipeline.indexreader import read_index
 from motifold.pipeline.layout import index_path
 
-FOLDER = Path(__file__).parent / "fixtures" / "v2" / "archive"
+FIXTURES = Path(__file__).parent / "fixtures"
+VERSIONS = 2, 3
 CLIPS = 23  # of both jobs, replaced ones too
 FAR = 70_000  # number of a clip that takes more than 16 bits
 
 
-@pytest.fixture(scope="module")
-def frozen() -> OracleArchive:
-    return OracleArchive(FOLDER)
+@pytest.fixture(scope="module", params=VERSIONS)
+def version(request: pytest.FixtureRequest) -> int:
+    return int(request.param)
 
 
 @pytest.fixture(scope="module")
-def archive() -> Iterator[Archive]:
-    with Archive(FOLDER) as opened:
+def frozen(version: int) -> OracleArchive:
+    return OracleArchive(FIXTURES / f"v{version}" / "archive")
+
+
+@pytest.fixture(scope="module")
+def archive(version: int) -> Iterator[Archive]:
+    with Archive(FIXTURES / f"v{version}" / "archive") as opened:
         yield opened
 
 
@@ -90,17 +96,21 @@ def test_the_frozen_clips_decode_from_the_text(
     number: int, frozen: OracleArchive, archive: Archive
 ) -> None:
     found, row = frozen.clip(number), archive.numbered[number]
-    file = read_index(index_path(FOLDER, row.index))
+    file = read_index(index_path(frozen.folder, row.index))
     assert isinstance(file, MotionFile)
     assert_header(found.header, file)
     assert (frozen.names[number], found.header.frames) == (row.name, row.frames)
     assert_same(found, archive.shelf.states(file, archive.rig(row.rig)))
 
 
-def test_the_frozen_archive_has_all_kinds(frozen: OracleArchive, archive: Archive) -> None:
+def test_the_frozen_archive_has_all_kinds(
+    frozen: OracleArchive, archive: Archive, version: int
+) -> None:
     assert len(archive.numbered) == len(frozen.indexes) == CLIPS
     clips = [frozen.clip(number) for number in range(CLIPS)]
     nodes = [node for clip in clips for node in clip.figure.nodes]
+    several = [len(rest) > 1 for clip in clips for rest in clip.header.rests]
+    assert all(several) if version == 3 else not any(several)
     assert {clip.header.generation for clip in clips} == {0, 1}
     assert max(len(clip.runs) for clip in clips) > 1
     assert any(frozen.clip(n).head.references for clip in clips for n in clip.head.references)
