@@ -4,7 +4,7 @@ python benchmarks/part_access.py LIBRARY [--tolerances 1mm,1cm] [--part left_arm
 
 The library is archived with and without streams per part, in this process. Then random clips are
 decoded, whole and one part of each: *first* in an archive just opened, whose models are read and
-whose references are not, *again* when everything is at hand. Times are of the processor, milliseconds a
+whose references are not, *again* when everything is at hand. Times are of the processor, means a
 clip. Bytes are those of index files: the clip's own, and with all that it is predicted from, and
 what they are predicted from.
 """

@@ -25,7 +25,7 @@ from motifold.codec.version2.motiondecode import (
     parts_read,
 )
 from motifold.codec.version2.motionencode import MotionEncoder
-from motifold.codec.version2.motionfile import MotionFile, unpack_motion
+from motifold.codec.version2.motionfile import MotionFile, pack_motion, unpack_motion
 from motifold.codec.version2.pieces import Pieces
 
 Parts = frozenset[int] | None
@@ -269,6 +269,17 @@ def test_a_time_range_needs_the_runs_that_it_touches(by_part: bool) -> None:
         )
     with pytest.raises(DamagedError):
         decode_motion(destroyed(file, 0, set()), *known)
+
+
+def test_other_numbers_of_streams_than_of_parts_are_damage() -> None:
+    made = shelved(Recipe(20, joints=9, frames=30, tree="star"), [True])
+    file = made.unpacked(0)
+    parts = len(made.subject.rig.parts)
+    for streams in (2, parts - 1, parts + 1):
+        rests = tuple(file.rests or ())[:1] * streams
+        wrong = unpack_motion(pack_motion(replace(file, streams=streams, rests=rests)))
+        with pytest.raises(DamagedError, match=f"{streams} streams a run for {parts} body parts"):
+            made.clip(wrong, 0, None)
 
 
 def test_a_rig_of_one_part_is_written_as_ever() -> None:

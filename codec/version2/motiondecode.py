@@ -80,6 +80,8 @@ def decode_states(
     nodes, and the core's, are decoded, and of the references only the same parts must be.
     Nothing else is taken from the file's streams. Raises `DamagedError`.
     """
+    if file.streams not in (1, len(rig.parts)):
+        raise DamagedError(f"claims {file.streams} streams a run for {len(rig.parts)} body parts")
     first = SymbolReader(file.cores[0])
     head = read_head(first, rig, file.frames, model.still, model.sliding)
     if len(references) != len(head.references):
