@@ -66,7 +66,7 @@ def main() -> None:
     made = publish(options.out, CatalogRecord(), source.vocabulary, clips)
     built = time.perf_counter() - start
     start = time.perf_counter()
-    catalog = Catalog(options.out)
+    catalog = Catalog(options.out, many=True)
     opened = time.perf_counter() - start
     rng = np.random.default_rng(1)
     chosen = rng.integers(0, options.clips, options.queries).tolist()

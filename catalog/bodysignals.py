@@ -62,18 +62,28 @@ def joint_points(clip: Clip) -> FloatArray:
     return np.concatenate([positions, end_positions(clip.skeleton, world, positions)], axis=1)
 
 
-def faced(clip: Clip, parts: tuple[BodyPart, ...]) -> FloatArray:
+def faced(clip: Clip, parts: tuple[BodyPart, ...], *, steady: bool = False) -> FloatArray:
     """Return (frames, joints, 3) positions from the root's, turned so that the body faces +Z.
 
-    In centimetres, at the clip's own frame rate; markers with gaps bridged.
+    In centimetres, at the clip's own frame rate; markers with gaps bridged. Joints above the
+    root's, which stand somewhere in the world, are put at the root: where they are from it says
+    where the body is. ``steady``: only the first frame faces +Z, so that turns remain.
     """
     points, chosen, _ = _points(clip, parts)
     if not len(points) or "root" not in chosen:
         return np.zeros((0, points.shape[1], 3))
     points = _upright(points, chosen)
     turn, _ = _headings(points, chosen)
+    if steady:
+        turn = np.broadcast_to(turn[:1], turn.shape)
     own = points if isinstance(clip, MarkerClip) else points[:, : clip.skeleton.joints]
-    return np.asarray(np.einsum("fij,fpj->fpi", turn, own - points[:, chosen["root"]]))
+    out = np.einsum("fij,fpj->fpi", turn, own - points[:, chosen["root"]])
+    if not isinstance(clip, MarkerClip):
+        above = clip.skeleton.parents[chosen["root"][0]]
+        while above >= 0:
+            out[:, above] = 0.0
+            above = clip.skeleton.parents[above]
+    return np.asarray(out)
 
 
 def resampled(points: FloatArray, frame_time: float, rate: float = RATE) -> FloatArray:

@@ -53,6 +53,7 @@ def check_catalog(folder: str | Path, archive: Archive, *, decode: bool = False)
             and np.array_equal(made.passages, batch.postings.passages)
             and np.array_equal(made.weights, batch.postings.weights)
             and np.allclose(made.norms, batch.postings.norms)
+            and np.allclose(vocabulary.amplitudes(batch.words, batch.starts), batch.amplitudes)
             and np.array_equal(passages_of(batch.starts), batch.spans)
         )
         if not same:

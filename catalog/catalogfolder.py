@@ -37,9 +37,9 @@ from .catalogrecord import (
     read_record,
 )
 from .postings import TERMS, Postings, rareness, softness_of
-from .vocabulary import COLUMNS, Vocabulary, Words, kind_of
+from .vocabulary import COLUMNS, POSTURE_COLUMNS, Vocabulary, Words, kind_of
 
-ARRAYS = ("words", "starts", "spans", "term_starts", "postings", "weights", "norms")
+ARRAYS = ("words", "starts", "amplitudes", "spans", "term_starts", "postings", "weights", "norms")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Batch:
     """The clips of one batch: ``names``, ``seconds``, ``index`` (digests) and ``rigs``, per clip.
 
     ``words``: (samples, columns) of all clips, which begin at ``starts`` (clips + 1,). ``spans``:
-    (passages, 3) as by `postings.passages_of`.
+    (passages, 3) as by `postings.passages_of`. ``amplitudes``: (clips, postures) centimetres.
     """
 
     names: list[str]
@@ -56,6 +56,7 @@ class Batch:
     rigs: list[int]
     words: Words
     starts: IntArray
+    amplitudes: npt.NDArray[np.float32]
     spans: npt.NDArray[np.int32]
     postings: Postings
     _norms: dict[bytes, npt.NDArray[np.float32]] = field(default_factory=dict)
@@ -92,12 +93,14 @@ class Catalog:
     """An archive's catalog, open for reading.
 
     ``problems``: in words, what is damaged; those clips are left out, the others are searched.
-    ``stale``: whether the archive has changed since the catalog was written. Raises
-    `NotAnArchiveError`, `VersionError` or `DamagedError`.
+    ``stale``: whether the archive has changed since the catalog was written. ``many``: whether
+    there will be many queries, for which compiled loops pay. Raises `NotAnArchiveError`,
+    `VersionError` or `DamagedError`.
     """
 
-    def __init__(self, archive: str | Path) -> None:
+    def __init__(self, archive: str | Path, *, many: bool = False) -> None:
         self.archive = Path(archive)
+        self.many = many
         ledger = newest_ledger(self.archive)
         record = read_record(self.archive)
         if record is None:
@@ -224,6 +227,7 @@ def read_batch(folder: Path, record: BatchRecord) -> Batch:
         len(starts) == len(clips["names"]) + 1
         and arrays["words"].shape == (starts[-1], len(COLUMNS))
         and arrays["words"].dtype == np.uint8
+        and arrays["amplitudes"].shape == (len(clips["names"]), len(POSTURE_COLUMNS))
         and arrays["norms"].shape == (len(arrays["spans"]), len(PARTS))
         and len(term_starts) == TERMS + 1
         and term_starts[-1] == len(arrays["postings"]) == len(arrays["weights"])
@@ -241,6 +245,7 @@ def read_batch(folder: Path, record: BatchRecord) -> Batch:
         clips["rigs"],
         arrays["words"],
         starts,
+        np.asarray(arrays["amplitudes"]),
         np.asarray(arrays["spans"]),
         postings,
     )

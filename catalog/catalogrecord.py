@@ -15,7 +15,7 @@ from ..codec.errors import DamagedError, NotAnArchiveError, VersionError
 
 FOLDER = "catalog"
 NAME = "CATALOG.json"
-FORMAT = 1
+FORMAT = 2
 REBUILD = "Make it again with: motifold index --rebuild"
 
 

@@ -20,8 +20,8 @@ from ..pipeline.archive import Archive
 from .bodysignals import RATE, faced, resampled
 from .catalogfolder import Catalog
 from .framewarp import warped_frames
-from .kernels import slid_inside
 from .search import Query, best_clips, clip_scores, column_weights, part_weights
+from .wordwarp import slid_inside
 
 NOISE = 0.4  # centimetres that copies may differ by on average, beside their certified errors
 STILL = 3.0  # times that: clips that move less are too still to tell
@@ -98,7 +98,7 @@ def candidates(catalog: Catalog, number: int) -> Iterator[tuple[int, bool]]:
         for other in sorted(chosen):
             pair = said, np.asarray(catalog.words(other))
             short, long = sorted(pair, key=len)
-            if slid_inside(short, long, catalog.table, weights)[0] <= ALIKE:
+            if slid_inside(short, [long], catalog.table, weights)[0][0] <= ALIKE:
                 yield other, mirrored
 
 

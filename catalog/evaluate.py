@@ -20,15 +20,13 @@ from ..codec.clip import BoolArray, FloatArray, IntArray
 from ..codec.errors import UsageError
 from .catalogfolder import Catalog
 from .framewarp import warped_frames
-from .kernels import warped
 from .search import (
-    WARP_WEIGHT,
     Query,
     best_clips,
     clip_scores,
     column_weights,
     part_weights,
-    thinned,
+    warp_costs,
 )
 
 RERANKED = 600
@@ -177,24 +175,25 @@ def index_ranks(catalog: Catalog, numbers: IntArray, rerank: bool) -> Ranks:
         if not rerank:
             return scores
         clips, order = best_clips(scores, RERANKED)
-        gaps = np.array(
-            [
-                warped(
-                    *thinned(asked.words, catalog.words(int(numbers[clip]))), catalog.table, weights
-                )
-                for clip in clips
-            ]
-        )
         out = scores - 10.0
-        out[clips] = order - WARP_WEIGHT * gaps / max(float(np.median(gaps)), 1e-9)
+        out[clips] = order - warp_costs(catalog, asked, numbers[clips], weights)
         return out
 
     return rank
 
 
-def baseline_ranks(motions: Sequence[npt.NDArray[np.float32]]) -> Ranks:
-    """Return how near clips are in mean and deviation of joint positions (frames, joints, 3)."""
-    points = np.stack([_moments(motion) for motion in motions])
+def moments(motion: npt.NDArray[np.float32]) -> FloatArray:
+    """Return means and deviations of joint positions (frames, joints, 3), the latter doubled.
+
+    Doubled, they tell contents better than plain or standardised ones: the baseline is meant to
+    be hard to beat.
+    """
+    return np.concatenate([motion.mean(axis=0).ravel(), 2.0 * motion.std(axis=0).ravel()])
+
+
+def baseline_ranks(described: Sequence[FloatArray]) -> Ranks:
+    """Return how near clips are in their `moments`."""
+    points = np.stack(described)
 
     def rank(query: int) -> FloatArray:
         return -np.asarray(np.square(points - points[query]).sum(axis=1))
@@ -212,10 +211,6 @@ def frame_ranks(motions: Sequence[npt.NDArray[np.float32]]) -> Ranks:
     return rank
 
 
-def _moments(motion: npt.NDArray[np.float32]) -> FloatArray:
-    return np.concatenate([motion.mean(axis=0).ravel(), motion.std(axis=0).ravel()])
-
-
 @dataclass(frozen=True, eq=False)
 class Remembered:
     """Scores of some queries, computed once for several tasks, and the seconds each took."""
@@ -223,11 +218,17 @@ class Remembered:
     scores: Mapping[int, FloatArray]
     seconds: Mapping[int, float]
 
+    def measured(self, method: str, task: Task, queries: Iterable[int]) -> Figures:
+        """Return the figures of the method for a task."""
+        found = measure(method, self.scores.__getitem__, task, queries)
+        times = list(self.seconds.values())
+        return replace(found, seconds=float(np.mean(times)), median_seconds=float(np.median(times)))
+
 
 def remember(
     rank: Ranks, queries: Sequence[int], progress: Callable[[int, int], None] | None = None
 ) -> Remembered:
-    """Return the scores of a slow method for some queries."""
+    """Return the scores of a method for some queries, and how long each took."""
     scores, seconds = {}, {}
     rank(queries[0])  # loads what is compiled
     for number, query in enumerate(queries, 1):
@@ -240,39 +241,20 @@ def remember(
 
 
 def compare(
-    catalog: Catalog,
-    numbers: IntArray,
-    motions: Sequence[npt.NDArray[np.float32]],
-    task: Task,
-    slow: Remembered,
-    seed: int = 0,
+    methods: Mapping[str, Remembered], task: Task, clips: int, seed: int = 0
 ) -> dict[str, Any]:
     """Return the figures of every method for a task, as JSON values.
 
-    ``numbers``: the labelled clips; ``motions``: their joint positions, as by
-    `bodysignals.faced`. All methods but the slowest are measured on all queries, and every
-    method on the ones that ``slow`` knows, too.
+    ``clips``: how many there are. Methods that know all of them as queries are measured on all,
+    and every method on those that all methods know.
     """
-    everything, some = range(len(numbers)), sorted(slow.scores)
-    ranks = {
-        "index only": index_ranks(catalog, numbers, rerank=False),
-        "index, re-ranked": index_ranks(catalog, numbers, rerank=True),
-        "mean and deviation": baseline_ranks(motions),
-    }
-    everywhere, sampled = [], []
-    for method, rank in ranks.items():
-        rank(0)  # loads what is compiled
-        everywhere.append(measure(method, rank, task, everything))
-        sampled.append(measure(method, rank, task, some))
-    warped_joints = measure("time warping over joints", slow.scores.__getitem__, task, some)
-    times = list(slow.seconds.values())
-    mean, median = float(np.mean(times)), float(np.median(times))
-    sampled.append(replace(warped_joints, seconds=mean, median_seconds=median))
-    for figures, chosen in ((everywhere, list(everything)), (sampled, some)):
-        figures.append(chance_figures(task, chosen, seed))
-    return {
-        "task": task.name,
-        "clips": len(numbers),
-        "all_queries": [asdict(each) for each in everywhere],
-        "same_random_queries": [asdict(each) for each in sampled],
-    }
+    some = sorted(set.intersection(*(set(each.scores) for each in methods.values())))
+    record: dict[str, Any] = {"task": task.name, "clips": clips}
+    for key, queries in (("all_queries", list(range(clips))), ("same_random_queries", some)):
+        figures = [
+            each.measured(method, task, queries)
+            for method, each in methods.items()
+            if len(each.scores) >= len(queries)
+        ]
+        record[key] = [asdict(each) for each in (*figures, chance_figures(task, queries, seed))]
+    return record

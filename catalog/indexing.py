@@ -224,7 +224,8 @@ def _write_batch(
     starts = np.concatenate([[0], np.cumsum([len(each) for each in said])]).astype(np.int64)
     words, spans = np.concatenate(said), passages_of(starts)
     made = make_postings(words, starts, spans, softness_of(vocabulary, vocabulary.sizes), before)
-    values = words, starts, spans, made.starts, made.passages, made.weights, made.norms
+    far = vocabulary.amplitudes(words, starts)
+    values = words, starts, far, spans, made.starts, made.passages, made.weights, made.norms
     records = {"names": names, "index": index, "rigs": rigs, "seconds": seconds}
     folder = place / name
     files = {"clips.json": json.dumps(records, separators=(",", ":")).encode()}

@@ -10,6 +10,7 @@ passages hold weighs more (inverse document frequency; Salton and Buckley 1988).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +40,7 @@ class Postings:
     """
 
     starts: IntArray
-    passages: npt.NDArray[np.uint32]
+    passages: npt.NDArray[np.unsignedinteger[Any]]
     weights: npt.NDArray[np.uint8]
     norms: npt.NDArray[np.float32]
 
@@ -47,6 +48,19 @@ class Postings:
     def frequencies(self) -> IntArray:
         """(terms,) how many passages hold each term."""
         return np.diff(self.starts)
+
+    def add_scores(
+        self, terms: IntArray, factors: npt.NDArray[np.float32], out: npt.NDArray[np.float32]
+    ) -> None:
+        """Add to each passage's score (passages,) its weight of each term, times the factor."""
+        all_passages, all_weights = np.asarray(self.passages), np.asarray(self.weights)
+        for term, factor in zip(terms.tolist(), factors, strict=True):
+            span = slice(self.starts[term], self.starts[term + 1])
+            passages, weights = all_passages[span], all_weights[span]
+            if passages.max(initial=0) >= len(out):  # a damaged file must not write elsewhere
+                weights = weights[passages < len(out)]
+                passages = passages[passages < len(out)]
+            out[passages] += factor * weights  # a passage is there once a term
 
 
 def passages_of(starts: IntArray) -> npt.NDArray[np.int32]:
@@ -139,7 +153,7 @@ def make_postings(
     norms = np.bincount(place, squares, minlength=len(spans) * len(PARTS))
     return Postings(
         np.concatenate([[0], np.cumsum(frequencies)]),
-        passage[order].astype(np.uint32),
+        passage[order].astype(np.min_scalar_type(len(spans))),
         weight[order],
         norms.reshape(-1, len(PARTS)).astype(np.float32),
     )

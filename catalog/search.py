@@ -12,14 +12,15 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from ..codec.clip import FloatArray, IntArray
 from ..codec.errors import UsageError
 from .bodysignals import PARTS, RATE
 from .catalogfolder import Catalog
-from .kernels import add_scores, slid_inside, warped, warped_inside, warped_path
-from .postings import SCALE, TERMS_A_PART, shares
-from .vocabulary import NO_WORD, WINDOW, Words
+from .postings import SCALE, TERMS_A_PART, Postings, shares
+from .vocabulary import NO_WORD, OWNERS, WINDOW, Words
+from .wordwarp import slid_inside, warped, warped_inside, warped_path
 
 Mode = Literal["whole", "windows"]
 Rerank = Literal["dtw", "none"]
@@ -27,7 +28,8 @@ Rerank = Literal["dtw", "none"]
 CANDIDATES = 300  # clips that are compared word by word
 LOOKED_UP = 0.7  # of what the query's words tell; the rest is in the longest lists
 WARP_WEIGHT = 0.15  # of the warped distance, in medians of the candidates, beside the postings
-POSTURE_SHARE = {"whole": 0.5, "windows": 0.7}  # of a distance; the rest is movement
+AMPLITUDE = 75.0  # centimetres of difference in how far parts move that cost a score of 1
+POSTURE_SHARE = {"whole": 0.5, "windows": 1.0}  # of a distance; the rest is movement
 MOST_SAMPLES = 600  # longer clips are compared at every second, third … sample
 
 
@@ -107,19 +109,28 @@ def search(
     spans: dict[int, tuple[int, int]] = {}
     if mode == "windows":
         find = warped_inside if rerank == "dtw" else slid_inside
-        for place, clip in enumerate(clips.tolist()):
-            distance, *span = find(query.words, catalog.words(clip), catalog.table, weights)
-            order[place], spans[clip] = -distance, (span[0], span[1])
+        said = [np.asarray(catalog.words(clip)) for clip in clips.tolist()]
+        distances, firsts, lasts = find(query.words, said, catalog.table, weights)
+        order = -distances
+        spans = dict(
+            zip(clips.tolist(), zip(firsts.tolist(), lasts.tolist(), strict=True), strict=True)
+        )
     elif rerank == "dtw" and len(clips):
-        words = (thinned(query.words, catalog.words(int(clip))) for clip in clips)
-        gaps = np.array([warped(some, others, catalog.table, weights) for some, others in words])
-        order = order - WARP_WEIGHT * gaps / max(float(np.median(gaps)), 1e-9)
+        order = order - warp_costs(catalog, query, clips, weights)
     found = np.argsort(-order, kind="stable")[:top]
-    return [
-        _hit(catalog, query, weights, int(clips[place]), float(order[place]), spans)
-        for place in found.tolist()
-        if np.isfinite(order[place])
-    ]
+    found = found[np.isfinite(order[found])]
+    return _hits(catalog, query, weights, clips[found], order[found], spans)
+
+
+def warp_costs(catalog: Catalog, query: Query, clips: IntArray, weights: FloatArray) -> FloatArray:
+    """Return (clips,) what time warping takes from the scores of clips, from end to end."""
+    pairs = [thinned(query.words, catalog.words(clip)) for clip in clips.tolist()]
+    gaps = np.empty(len(pairs))
+    for samples in {len(some) for some, _ in pairs}:  # of long clips, fewer are compared
+        which = [place for place, (some, _) in enumerate(pairs) if len(some) == samples]
+        others = [pairs[place][1] for place in which]
+        gaps[which] = warped(pairs[which[0]][0], others, catalog.table, weights)
+    return np.asarray(WARP_WEIGHT * gaps / max(float(np.median(gaps)), 1e-9))
 
 
 def part_weights(query: Query) -> FloatArray:
@@ -139,15 +150,18 @@ def part_weights(query: Query) -> FloatArray:
 
 def column_weights(weights: FloatArray, mode: Mode) -> FloatArray:
     """Return how much movements and postures count (columns,), from the weights of parts."""
-    share = POSTURE_SHARE[mode]
-    return np.concatenate([(1.0 - share) * weights, share * weights])
+    movements, share = OWNERS[: len(PARTS)], POSTURE_SHARE[mode]
+    postures = OWNERS[len(PARTS) :]
+    shared = (weights / np.bincount(postures))[postures]  # by all postures of a part
+    return np.concatenate([(1.0 - share) * weights[movements], share * shared])
 
 
 def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode) -> FloatArray:
     """Return every clip's score (clips,) from the postings alone; -inf for the query's own.
 
     The cosine of the weighted words: of a whole clip the mean over its passages, of windows the
-    best passage, and there not divided by all else that happens in it.
+    best passage, and there not divided by all else that happens in it. Movements are almost free
+    of amplitude, in which styles differ; so of whole clips, differences in it are taken off.
     """
     out = np.empty(len(catalog))
     length = np.array([len(query.words)])
@@ -159,12 +173,11 @@ def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode)
     kept = worthwhile(worth, catalog.frequencies[terms])
     terms, part = terms[kept], part[kept]
     factors = np.sqrt(share[terms]) * catalog.rareness[terms] * weights[part] ** 2 / SCALE
+    amplitudes = catalog.vocabulary.amplitudes(query.words, np.array([0, len(query.words)]))
+    postures = OWNERS[len(PARTS) :]
     for number, batch in enumerate(catalog.batches):
         scores = np.zeros(len(batch.spans), np.float32)
-        lists = batch.postings
-        add_scores(
-            lists.starts, lists.passages, lists.weights, terms, factors.astype(np.float32), scores
-        )
+        _add_scores(catalog, batch.postings, terms, factors.astype(np.float32), scores)
         scores /= own
         if mode == "whole":
             scores /= batch.norms(weights)
@@ -175,6 +188,9 @@ def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode)
             clips = scores
         else:
             clips = np.add.reduceat(scores, firsts) / batch.passage_counts
+        if mode == "whole":
+            gaps = np.square(batch.amplitudes - amplitudes) @ (len(PARTS) * weights[postures])
+            clips = clips - np.sqrt(gaps) / AMPLITUDE
         out[catalog.offset(number) : catalog.offset(number + 1)] = clips
     out[~catalog.current] = -np.inf
     if query.own is not None:
@@ -209,25 +225,45 @@ def thinned(query: Words, clip: Words) -> tuple[Words, Words]:
     return np.ascontiguousarray(query[::step]), np.ascontiguousarray(clip[::step])
 
 
-def _hit(
+def _add_scores(
+    catalog: Catalog,
+    postings: Postings,
+    terms: IntArray,
+    factors: npt.NDArray[np.float32],
+    out: npt.NDArray[np.float32],
+) -> None:
+    if not catalog.many:
+        postings.add_scores(terms, factors, out)
+        return
+    from .kernels import add_scores  # takes longer to import than a search
+
+    add_scores(postings.starts, postings.passages, postings.weights, terms, factors, out)
+
+
+def _hits(
     catalog: Catalog,
     query: Query,
     weights: FloatArray,
-    clip: int,
-    score: float,
+    clips: IntArray,
+    scores: FloatArray,
     spans: dict[int, tuple[int, int]],
-) -> Hit:
-    words, seconds = catalog.words(clip), catalog.seconds(clip)
-    first, last = spans.get(clip, (0, len(words)))
-    gaps = warped_path(*thinned(query.words, words[first:last]), catalog.table, weights)
-    gaps = (gaps * weights).reshape(2, -1).sum(axis=0)
-    counted = np.maximum(weights.reshape(2, -1).sum(axis=0), 1e-9)
-    parts = {
-        part: round(float(np.clip(1.0 - gaps[number] / counted[number], 0.0, 1.0)), 3)
-        for number, part in enumerate(PARTS)
-        if weights[number] > 0
-    }
-    start, stop = 0.0, seconds
-    if clip in spans:
-        start, stop = first / RATE, min(seconds, (last - 1) / RATE)
-    return Hit(catalog.names[clip], round(start, 3), round(stop, 3), round(score, 4), parts)
+) -> list[Hit]:
+    counted = np.bincount(OWNERS, weights)
+    out = []
+    for clip, score in zip(clips.tolist(), scores.tolist(), strict=True):
+        words, seconds = catalog.words(clip), catalog.seconds(clip)
+        first, last = spans.get(clip, (0, len(words)))
+        some, others = thinned(query.words, words[first:last])
+        gaps = warped_path(some, [others], catalog.table, weights)[0]
+        apart = np.bincount(OWNERS, gaps * weights) / np.maximum(counted, 1e-9)
+        parts = {
+            part: round(float(np.clip(1.0 - apart[number], 0.0, 1.0)), 3)
+            for number, part in enumerate(PARTS)
+            if counted[number] > 0
+        }
+        start, stop = 0.0, seconds
+        if clip in spans:
+            start, stop = first / RATE, min(seconds, (last - 1) / RATE)
+        name = catalog.names[clip]
+        out.append(Hit(name, round(start, 3), round(stop, 3), round(score, 4), parts))
+    return out

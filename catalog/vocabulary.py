@@ -2,9 +2,11 @@
 
 There are two sorts. A *movement* describes how a part moves more than how far: windows are
 scaled to almost the same size, so that a tired and a lively wave are one word. A *posture* is
-where a part is at a moment, in centimetres: how an elderly and a youthful walk differ. The arms
-share their words, and so do the legs, seen in a mirror; the spine, the head and the root learn
-theirs from mirrored motion too. So every word has a mirror image.
+where a part is at a moment, in centimetres: how an elderly and a youthful walk differ. A limb has
+two postures, one of its upper and one of its lower half: two ends of a bone lie on spheres, which
+few words cover closely. The arms share their words, and so do the legs, seen in a mirror; the
+spine, the head and the root learn theirs from mirrored motion too. So every word has a mirror
+image.
 """
 
 from __future__ import annotations
@@ -17,16 +19,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..codec.clip import FloatArray
+from ..codec.clip import FloatArray, IntArray
 from .bodysignals import PARTS, Signals, mirror_signs
 
 Words = npt.NDArray[np.uint8]
 
-_POSTURE = "_posture"
-COLUMNS = (*PARTS, *(part + _POSTURE for part in PARTS))
-"""What a moment has words for: the movement of each part, then the posture of each."""
-_KINDS = ("root", "spine", "head", "arm", "leg")
-KINDS = (*_KINDS, *(kind + _POSTURE for kind in _KINDS))
+_POSTURE, _LOWER = "_posture", "_lower_posture"
+_LIMBS = ("arm", "leg")
+_KINDS = ("root", "spine", "head", *_LIMBS)
+POSTURE_COLUMNS = (
+    *(part + _POSTURE for part in PARTS),
+    *(part + _LOWER for part in PARTS if part.endswith(_LIMBS)),
+)
+COLUMNS = (*PARTS, *POSTURE_COLUMNS)
+"""What a moment has words for: the movement of each part, then its posture or its two."""
+KINDS = (*_KINDS, *(kind + _POSTURE for kind in _KINDS), *(kind + _LOWER for kind in _LIMBS))
 NO_WORD = 255
 """In the place of a word where the body lacks the part."""
 WORDS = 64  # of a kind of movement, learned at first
@@ -50,18 +57,30 @@ def kind_of(part: str) -> str:
     return part.removeprefix("left_").removeprefix("right_")
 
 
+def part_of(column: str) -> str:
+    """Return the part that one of `COLUMNS` is about: ``left_arm`` for ``left_arm_posture``."""
+    return column.removesuffix(_LOWER).removesuffix(_POSTURE)
+
+
+OWNERS = np.array([PARTS.index(part_of(column)) for column in COLUMNS])
+"""(columns,) the number of the part that each column is about."""
+
+
 def features_of(column: str, signal: FloatArray) -> FloatArray:
     """Return (samples, features) what words are made of, one of `COLUMNS`.
 
     ``signal``: (samples, channels) of the part, as by `bodysignals`; right sides are mirrored.
     Of a movement: what the part does in the window about each sample; beyond its ends a clip
-    stands still. Of a posture: the signal.
+    stands still. Of a posture: the signal; of a limb's two, its middle from its first joint, and
+    its end from its middle.
     """
-    part = column.removesuffix(_POSTURE)
+    part = part_of(column)
     if part.startswith("right_"):
         signal = signal * mirror_signs(part, signal.shape[1])
+    if column.endswith(_LOWER):
+        return signal[:, 3:] - signal[:, :3]
     if column != part:
-        return signal
+        return signal[:, :3] if part.endswith(_LIMBS) else signal
     near = np.arange(WINDOW) - WINDOW // 2
     spans = signal[np.clip(np.arange(len(signal))[:, None] + near, 0, len(signal) - 1)]
     mean = spans.mean(axis=1, keepdims=True)
@@ -128,11 +147,35 @@ class Vocabulary:
         samples = max((len(signal) for signal in signals.values()), default=0)
         out = np.full((samples, len(COLUMNS)), NO_WORD, np.uint8)
         for number, column in enumerate(COLUMNS):
-            signal = signals.get(column.removesuffix(_POSTURE))
+            signal = signals.get(part_of(column))
             centres = self.centres.get(kind_of(column))
             if signal is not None and centres is not None:
                 gaps = _squares(features_of(column, signal), centres)
                 out[:, number] = gaps.argmin(axis=1)
+        return out
+
+    def amplitudes(self, words: Words, starts: IntArray) -> npt.NDArray[np.float32]:
+        """Return how far each part moves in each clip, centimetres, one of `POSTURE_COLUMNS` each.
+
+        The root of the summed variances of the postures that ``words`` (samples, columns) name;
+        clips begin at ``starts`` (clips + 1,). 0 where a clip lacks the part.
+        """
+        owner = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+        out = np.zeros((len(starts) - 1, len(POSTURE_COLUMNS)), np.float32)
+        for place, column in enumerate(POSTURE_COLUMNS):
+            centres = self.centres.get(kind_of(column))
+            said = np.asarray(words[:, COLUMNS.index(column)])
+            known = said != NO_WORD
+            if centres is None or not known.any():
+                continue
+            points, clip = centres[said[known]], owner[known]
+            count = np.maximum(np.bincount(clip, minlength=len(out)), 1)
+            variance = np.zeros(len(out))
+            for axis in points.T:
+                mean = np.bincount(clip, axis, minlength=len(out)) / count
+                gaps = np.square(axis - mean[clip])
+                variance += np.bincount(clip, gaps, minlength=len(out)) / count
+            out[:, place] = np.sqrt(variance)
         return out
 
     def mirrored(self, words: Words) -> Words:
@@ -198,7 +241,7 @@ def _by_kind(bodies: Sequence[Signals]) -> dict[str, FloatArray]:
     found: dict[str, list[FloatArray]] = {}
     for signals in bodies:
         for column in COLUMNS:
-            signal = signals.get(column.removesuffix(_POSTURE))
+            signal = signals.get(part_of(column))
             if signal is not None:
                 found.setdefault(kind_of(column), []).append(features_of(column, signal))
     return {kind: np.concatenate(found[kind]) for kind in KINDS if kind in found}
@@ -225,13 +268,12 @@ def _learned(features: FloatArray, kind: str, seed: int) -> tuple[FloatArray, fl
 
 def _feature_signs(kind: str, features: FloatArray) -> FloatArray:
     times = 1 if kind.endswith(_POSTURE) else WINDOW + 1
-    part = kind.removesuffix(_POSTURE)
-    return np.tile(mirror_signs(part, features.shape[1] // times), times)
+    return np.tile(mirror_signs(part_of(kind), features.shape[1] // times), times)
 
 
 def _central(kind: str) -> bool:
     """Return whether a kind has no sides, and so must hold the mirror images of its words."""
-    return kind.removesuffix(_POSTURE) not in ("arm", "leg")
+    return part_of(kind) not in _LIMBS
 
 
 def _squares(some: FloatArray, others: FloatArray) -> FloatArray:

@@ -15,11 +15,13 @@ from motifold.catalog.bodysignals import PARTS, Signals, body_signals, mirror_si
 from motifold.catalog.vocabulary import (
     COLUMNS,
     NO_WORD,
+    POSTURE_COLUMNS,
     WORDS,
     Vocabulary,
     features_of,
     kind_of,
     learn_vocabulary,
+    part_of,
 )
 from motifold.codec.clip import SkeletonClip
 from motifold.codec.figure.bodyparts import body_parts
@@ -80,8 +82,7 @@ def test_a_bigger_body_moves_alike() -> None:
 def test_words_are_the_nearest_centres() -> None:
     said = VOCABULARY.words_of(SIGNALS[0])
     for number, column in enumerate(COLUMNS):
-        part = column.removesuffix("_posture")
-        features = features_of(column, SIGNALS[0][part])
+        features = features_of(column, SIGNALS[0][part_of(column)])
         centres = VOCABULARY.centres[kind_of(column)]
         gaps = np.linalg.norm(features[:, None] - centres[None], axis=2)
         chosen = gaps[np.arange(len(said)), said[:, number]]
@@ -136,6 +137,21 @@ def test_softness_is_a_share_of_few_neighbours() -> None:
 def test_a_part_that_a_body_lacks_has_no_word(missing: str) -> None:
     signals = {part: signal for part, signal in SIGNALS[0].items() if part != missing}
     said = VOCABULARY.words_of(signals)
-    number = COLUMNS.index(missing)
-    assert (said[:, number] == NO_WORD).all()
-    assert (np.delete(said, [number, number + len(PARTS)], axis=1) != NO_WORD).all()
+    about = np.array([part_of(column) == missing for column in COLUMNS])
+    assert (said[:, about] == NO_WORD).all()
+    assert (said[:, ~about] != NO_WORD).all()
+
+
+def test_amplitudes_are_the_deviations_of_what_words_stand_for() -> None:
+    said = [VOCABULARY.words_of(signals) for signals in SIGNALS[:3]]
+    said[1] = VOCABULARY.words_of({p: s for p, s in SIGNALS[1].items() if p != "left_arm"})
+    starts = np.cumsum([0, *(len(each) for each in said)])
+    found = VOCABULARY.amplitudes(np.concatenate(said), starts)
+    for clip, words in enumerate(said):
+        for place, column in enumerate(POSTURE_COLUMNS):
+            named = words[:, COLUMNS.index(column)]
+            expected = 0.0
+            if NO_WORD not in named:
+                points = VOCABULARY.centres[kind_of(column)][named]
+                expected = np.sqrt(points.var(axis=0).sum())
+            assert np.isclose(found[clip, place], expected, atol=1e-3)

@@ -8,9 +8,17 @@ from hypothesis import strategies as st
 
 from motifold.catalog.bodysignals import PARTS
 from motifold.catalog.framewarp import frame_distances, warped_frames, warped_span, warping_path
-from motifold.catalog.kernels import add_scores, slid_inside, warped, warped_inside, warped_path
-from motifold.catalog.postings import PASSAGE, SCALE, TERMS_A_PART, make_postings, passages_of
+from motifold.catalog.kernels import add_scores
+from motifold.catalog.postings import (
+    PASSAGE,
+    SCALE,
+    TERMS_A_PART,
+    Postings,
+    make_postings,
+    passages_of,
+)
 from motifold.catalog.vocabulary import COLUMNS, NO_WORD, Words
+from motifold.catalog.wordwarp import slid_inside, warped, warped_inside, warped_path
 
 TABLE = np.ones((len(COLUMNS), 256, 256), np.float32)
 _POINTS = np.random.default_rng(0).normal(size=(len(COLUMNS), 20, 2))
@@ -57,7 +65,10 @@ def test_warping_is_that_of_the_textbook(seed: int, some: int, others: int) -> N
     query, clip = said(seed, some), said(seed + 1, others)
     cost = costs(query, clip)
     expected = plainly_warped(cost)
-    assert np.isclose(warped(query, clip, TABLE, WEIGHTS), expected, rtol=1e-5)
+    beside = said(seed + 2, 9)
+    found = warped(query, [beside, clip, query], TABLE, WEIGHTS)
+    assert np.allclose(found[1], expected, rtol=1e-5)
+    assert np.isclose(found[0], plainly_warped(costs(query, beside)), rtol=1e-5)
     rng = np.random.default_rng(seed)
     frames = [rng.normal(size=(n, 6)).astype(np.float32) for n in (some, others)]
     plain = np.linalg.norm(frames[0][:, None] - frames[1][None], axis=2)
@@ -71,15 +82,83 @@ def test_a_planted_span_is_found(seed: int, wide: int, before: int, after: int) 
     query = said(seed, wide)
     query[query == NO_WORD] = 0
     clip = np.concatenate([said(seed + 1, before), query, said(seed + 2, after)])
+    clips = [said(seed + 3, 5), clip, said(seed + 4, 40)]
     for find in (warped_inside, slid_inside):
-        distance, first, last = find(query, clip, TABLE, WEIGHTS)
+        distance, first, last = (each[1] for each in find(query, clips, TABLE, WEIGHTS))
         assert (round(distance, 6), first, last) == (0.0, before, before + wide)
-    assert np.allclose(warped_path(query, query, TABLE, WEIGHTS), 0.0)
+    assert np.allclose(warped_path(query, [clips[0], query], TABLE, WEIGHTS)[1], 0.0)
+
+
+def plainly_inside(cost: np.ndarray) -> float:
+    """The cheapest way through, ends open: one sample on, none and one, or two (P = 1)."""
+    wide, long = cost.shape
+    total = np.full((wide, long), np.inf)
+    total[0] = cost[0]
+    for i in range(1, wide):
+        for j in range(1, long):
+            ways = [total[i - 1, j - 1]]
+            if j > 1:
+                ways.append(total[i - 1, j - 2])
+            if i > 1:
+                ways.append(total[i - 2, j - 1] + cost[i - 1, j])
+            total[i, j] = min(ways) + cost[i, j]
+    return float(total[-1].min() / wide)
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS, st.integers(1, 12), st.lists(st.integers(1, 20), min_size=1, max_size=5))
+def test_warping_inside_is_that_of_plain_loops(seed: int, wide: int, lengths: list[int]) -> None:
+    query = said(seed, wide)
+    clips = [said(seed + 1 + number, length) for number, length in enumerate(lengths)]
+    warps, slides = (find(query, clips, TABLE, WEIGHTS) for find in (warped_inside, slid_inside))
+    for number, clip in enumerate(clips):
+        cost = costs(query, clip)
+        assert np.allclose(warps[0][number], plainly_inside(cost), rtol=1e-5)
+        ends = [
+            sum(cost[i, at + i] if at + i < len(clip) else 1.0 for i in range(wide)) / wide
+            for at in range(max(len(clip) - wide, 0) + 1)
+        ]
+        assert np.isclose(slides[0][number], min(ends), rtol=1e-5)
+        assert np.isclose(ends[slides[1][number]], min(ends), rtol=1e-5)
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS, st.integers(1, 12), st.integers(1, 12))
+def test_the_path_is_one_that_costs_least(seed: int, some: int, others: int) -> None:
+    query, clip = said(seed, some), said(seed + 1, others)
+    columns = warped_path(query, [clip], TABLE, WEIGHTS)[0]
+    path = cheapest_path(costs(query, clip))
+    plain = [
+        np.mean([TABLE[k, query[i, k], clip[j, k]] for i, j in path]) for k in range(len(COLUMNS))
+    ]
+    assert np.allclose(columns, plain, rtol=1e-4)
+
+
+def cheapest_path(cost: np.ndarray) -> list[tuple[int, int]]:
+    """The path of `plainly_warped`, by taking steps back to what the total came from."""
+    total = np.full((cost.shape[0] + 1, cost.shape[1] + 1), np.inf)
+    total[0, 0] = 0.0
+    for i, j in np.ndindex(*cost.shape):
+        ways = total[i, j] + 2 * cost[i, j], min(total[i, j + 1], total[i + 1, j]) + cost[i, j]
+        total[i + 1, j + 1] = min(ways)
+    i, j = cost.shape
+    path = []
+    while i and j:
+        path.append((i - 1, j - 1))
+        here = cost[i - 1, j - 1]
+        ways = {
+            (i - 1, j - 1): total[i - 1, j - 1] + 2 * here,
+            (i - 1, j): total[i - 1, j] + here,
+            (i, j - 1): total[i, j - 1] + here,
+        }
+        i, j = min(ways, key=ways.__getitem__)
+    return path
 
 
 def test_a_clip_too_short_to_warp_is_infinitely_far() -> None:
-    assert warped_inside(said(0, 9), said(1, 3), TABLE, WEIGHTS)[0] == np.inf
-    assert np.isfinite(slid_inside(said(0, 9), said(1, 3), TABLE, WEIGHTS)[0])
+    clips = [said(1, 3), said(1, 12)]
+    assert np.isinf(warped_inside(said(0, 9), clips, TABLE, WEIGHTS)[0]).tolist() == [True, False]
+    assert np.isfinite(slid_inside(said(0, 9), clips, TABLE, WEIGHTS)[0]).all()
 
 
 @settings(max_examples=20, deadline=None)
@@ -131,6 +210,9 @@ def test_postings_hold_the_roots_of_shares(seed: int, lengths: list[int]) -> Non
     terms = np.arange(dense.shape[1])
     add_scores(made.starts, made.passages, made.weights, terms, factors, out)
     assert np.allclose(out / SCALE, dense @ factors, atol=0.3)
+    again = np.zeros_like(out)
+    made.add_scores(terms, factors, again)
+    assert np.allclose(again, out, rtol=1e-5)
     rare = np.log((1 + len(spans)) / (1 + (np.rint(SCALE * dense) > 0).sum(axis=0)))
     norms = (dense**2 * rare).reshape(len(spans), len(PARTS), -1).sum(axis=2)
     assert np.allclose(made.norms, norms, atol=0.02)
@@ -141,3 +223,7 @@ def test_postings_that_point_beyond_the_passages_are_passed_over() -> None:
     lists = np.array([0, 7, 1], np.uint32), np.full(3, 255, np.uint8)
     add_scores(np.array([0, 3]), *lists, np.array([0]), np.ones(1, np.float32), out)
     assert out.tolist() == [255.0, 255.0]
+    again = np.zeros(2, np.float32)
+    damaged = Postings(np.array([0, 3]), *lists, np.zeros((2, 7), np.float32))
+    damaged.add_scores(np.array([0]), np.ones(1, np.float32), again)
+    assert again.tolist() == [255.0, 255.0]

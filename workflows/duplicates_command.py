@@ -29,7 +29,7 @@ def duplicates(
     with Archive(archive) as opened:
         found = find_duplicates(
             opened,
-            Catalog(archive),
+            Catalog(archive, many=True),
             retakes=retakes,
             progress=lambda done, clips: line.update("compare", done, clips),
         )

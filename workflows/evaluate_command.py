@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -48,16 +49,24 @@ def evaluate(
     import numpy as np
 
     from ..catalog.catalogfolder import Catalog
-    from ..catalog.evaluate import compare, frame_ranks, label_task, read_labels, remember
+    from ..catalog.evaluate import (
+        baseline_ranks,
+        compare,
+        frame_ranks,
+        index_ranks,
+        label_task,
+        read_labels,
+        remember,
+    )
     from ..catalog.windoweval import compare_windows, groups_of, random_pieces
     from ..pipeline.archive import Archive
     from ..pipeline.executors import one_thread
 
     line = ProgressLine()
-    catalog = Catalog(archive)
+    catalog = Catalog(archive, many=True)
     found = read_labels(list(catalog.numbers), labels)
     with Archive(archive) as opened:
-        motions, times = _motions(opened, list(found), line)
+        motions, times, described = _motions(opened, list(found), line)
     numbers = np.array([catalog.numbers[name] for name in found], np.int64)
     marks = list(found.values())
     if windows is not None:
@@ -84,15 +93,17 @@ def evaluate(
         )
         rng = np.random.default_rng(seed)
         some = np.sort(rng.choice(len(numbers), min(queries, len(numbers)), replace=False))
-        slow = one_thread(
-            remember,
-            frame_ranks(motions),
-            some.tolist(),
-            lambda done, total: line.update("time warping", done, total),
-        )
-        results = [
-            one_thread(compare, catalog, numbers, motions, task, slow, seed) for task in tasks
-        ]
+        everything = list(range(len(numbers)))
+        methods = {
+            method: one_thread(remember, rank, chosen, partial(line.update, method))
+            for method, rank, chosen in (
+                ("index only", index_ranks(catalog, numbers, rerank=False), everything),
+                ("index, re-ranked", index_ranks(catalog, numbers, rerank=True), everything),
+                ("mean and deviation", baseline_ranks(described), everything),
+                ("time warping over joints", frame_ranks(motions), some.tolist()),
+            )
+        }
+        results = [compare(methods, task, len(numbers), seed) for task in tasks]
     line.clear()
     if json:
         show_json(results)
@@ -113,20 +124,23 @@ def _all_tasks(labels: list[str]) -> list[tuple[list[str], list[str], list[str]]
 
 def _motions(
     archive: Archive, names: list[str], line: ProgressLine
-) -> tuple[list[npt.NDArray[np.float32]], list[float]]:
-    """Return the joint positions of clips, which must have equally many, and frame times."""
+) -> tuple[list[npt.NDArray[np.float32]], list[float], list[npt.NDArray[np.float64]]]:
+    """Return joint positions of clips, which must have equally many, frame times and moments."""
     from ..catalog.bodysignals import faced
+    from ..catalog.evaluate import moments
     from ..codec.errors import UsageError
 
-    motions, times = [], []
+    motions, times, described = [], [], []
     for number, name in enumerate(names):
         clip = archive[name]
-        motions.append(faced(clip.decode(), clip.rig.parts).astype("float32"))
+        decoded = clip.decode()
+        motions.append(faced(decoded, clip.rig.parts).astype("float32"))
+        described.append(moments(faced(decoded, clip.rig.parts, steady=True).astype("float32")))
         times.append(clip.frame_time)
         if motions[-1].shape[1] != motions[0].shape[1] or not len(motions[-1]):
             raise UsageError(f"{name} has other joints than {names[0]}", advice="Narrow --labels")
         line.update("decode", number + 1, len(names))
-    return motions, times
+    return motions, times, described
 
 
 def _show_result(result: dict[str, Any]) -> None:

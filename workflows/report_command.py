@@ -133,7 +133,7 @@ def library(archive: _ARCHIVE, html: _HTML = None, json: _JSON = False) -> None:
     from ..catalog.library_report import library_page, library_record
     from ..pipeline.archive import Archive
 
-    catalog = Catalog(archive)
+    catalog = Catalog(archive, many=True)
     with Archive(archive) as opened:
         record = library_record(opened, catalog)
     if html is not None:
