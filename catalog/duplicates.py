@@ -25,7 +25,7 @@ from .wordwarp import slid_inside
 
 NOISE = 0.4  # centimetres that copies may differ by on average, beside their certified errors
 STILL = 3.0  # times that: clips that move less are too still to tell
-RETAKE = 4.0  # centimetres between the joints of two takes, warped onto each other
+RETAKE = 5.0  # centimetres between the joints of two takes, warped onto each other
 ALIKE = 0.5  # distance of words up to which motion is looked at
 NEAR = 8  # clips that each clip is compared with, of each kind of query
 COARSE, FINE = 30.0, 240.0  # samples a second: of the first search, and of the offset
@@ -201,11 +201,11 @@ def _motion(archive: Archive, name: str) -> Motion:
 
 def _equal_files(archive: Archive) -> tuple[list[Pair], set[str]]:
     """Return the pairs of clips with equal source files, and all but the first of each."""
-    first: dict[str, str] = {}
+    first: dict[tuple[str, int], str] = {}
     pairs = []
     for name, (row, _) in archive.rows.items():
-        if row.source in first:
-            pairs.append(Pair("equal", first[row.source], name, 0.0, 0.0))
+        if row.content in first:
+            pairs.append(Pair("equal", first[row.content], name, 0.0, 0.0))
         else:
-            first[row.source] = name
+            first[row.content] = name
     return pairs, {pair.other for pair in pairs}

@@ -70,7 +70,7 @@ class GrowthPoint:
 def ledger_growth(archive: Archive) -> list[GrowthPoint]:
     """Return a point for every job of an archive. Raises `DamagedError`."""
     points: list[GrowthPoint] = []
-    seen: dict[str, Row] = {}
+    seen: dict[tuple[str, int], Row] = {}
     files: set[str] = set()
     size = duplicates = predicted = 0
     error_sum = largest = 0.0
@@ -82,10 +82,10 @@ def ledger_growth(archive: Archive) -> list[GrowthPoint]:
             if row.index not in files:
                 files.add(row.index)
                 size += index_path(archive.path, row.index).stat().st_size
-            if row.source in seen:
+            if row.content in seen:
                 duplicates += 1
                 continue
-            seen[row.source] = row
+            seen[row.content] = row
             index = ArchivedClip(archive, row, job.generation).index(prefix_only=True)
             largest = max(largest, index.certificate.maximum)
             error_sum += index.certificate.mean * row.frames

@@ -27,7 +27,7 @@ Rerank = Literal["dtw", "none"]
 
 CANDIDATES = 300  # clips that are compared word by word
 LOOKED_UP = 0.7  # of what the query's words tell; the rest is in the longest lists
-WARP_WEIGHT = 0.15  # of the warped distance, in medians of the candidates, beside the postings
+WARP_WEIGHT = 0.4  # of the warped distance, in medians of the candidates, beside the postings
 AMPLITUDE = 75.0  # centimetres of difference in how far parts move that cost a score of 1
 POSTURE_SHARE = {"whole": 0.5, "windows": 1.0}  # of a distance; the rest is movement
 MOST_SAMPLES = 600  # longer clips are compared at every second, third … sample

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..codec.clip import Repair
 from ..codec.errors import DamagedError
-from .durable import digest, write_whole
+from .durable import NAME_DIGITS, digest, write_whole
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,11 @@ class Row:
     rig: int
     numbers: int
     repairs: tuple[Repair, ...] = ()
+
+    @property
+    def content(self) -> tuple[str, int]:
+        """What rows with equal source bytes share, whichever motifold wrote them."""
+        return self.source[:NAME_DIGITS], self.source_bytes
 
 
 @dataclass(frozen=True)

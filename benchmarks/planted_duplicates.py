@@ -1,0 +1,206 @@
+"""Duplicates planted among real clips, and what ``motifold duplicates`` finds of them.
+
+Clips of DATA/bandai are linked into OUT/library, and copies of twenty of them planted, four of
+each kind: renamed, the middle half, at 60 instead of 120 frames a second, mirrored, and with
+noise of a millimetre. Retakes are clips whose names have the same content and style.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from motion_sets import SETS, clip_files
+from scipy.spatial.transform import Rotation, Slerp
+
+from motifold.catalog.catalogfolder import Catalog
+from motifold.catalog.duplicates import Pair, find_duplicates
+from motifold.catalog.indexing import update_catalog
+from motifold.codec.clip import SkeletonClip
+from motifold.codec.formats.files import clip_bytes, read_clip
+from motifold.codec.geometry.kinematics import local_rotations, world_positions, world_rotations
+from motifold.pipeline.archive import Archive
+from motifold.pipeline.executors import SerialExecutor
+from motifold.pipeline.plan import Settings
+from motifold.pipeline.run import archive_library
+
+OF_EACH = 4
+FASTER = 4  # Bandai's 30 frames a second become 120
+LABELS = re.compile(r"(?P<set>dataset-\d)_(?P<content>.+)_(?P<style>[^_]+)_\d+\.bvh$")
+
+
+def cropped(clip: SkeletonClip) -> SkeletonClip:
+    """Return the middle half of a clip."""
+    return clip.slice(clip.frames // 4, clip.frames // 4 + clip.frames // 2)
+
+
+def faster(clip: SkeletonClip) -> SkeletonClip:
+    """Return a clip with three frames put between every two, on the shortest way."""
+    frames = np.arange(clip.frames)
+    times = np.arange((clip.frames - 1) * FASTER + 1) / FASTER
+    rotations = np.empty((len(times), *clip.rotations.shape[1:]))
+    translations = np.empty((len(times), *clip.translations.shape[1:]))
+    for joint in range(clip.skeleton.joints):
+        turns = Rotation.from_matrix(clip.rotations[:, joint])
+        rotations[:, joint] = Slerp(frames, turns)(times).as_matrix()
+        for axis in range(3):
+            translations[:, joint, axis] = np.interp(
+                times, frames, clip.translations[:, joint, axis]
+            )
+    time = clip.frame_time / FASTER
+    return replace(clip, rotations=rotations, translations=translations, frame_time=time)
+
+
+def halved(clip: SkeletonClip) -> SkeletonClip:
+    """Return every second frame of a clip."""
+    return replace(
+        clip,
+        rotations=clip.rotations[::2],
+        translations=clip.translations[::2],
+        frame_time=2 * clip.frame_time,
+    )
+
+
+def mirrored(clip: SkeletonClip) -> SkeletonClip:
+    """Return the mirror image of a clip whose joints' sides are ``_L`` and ``_R``.
+
+    The axes of joints are turned over by the reflection that fits best: a rig need not be
+    symmetric.
+    """
+    names = list(clip.skeleton.names)
+    sides = {"_L": "_R", "_R": "_L"}
+    image = np.array([names.index(n[:-2] + sides[n[-2:]]) if n[-2:] in sides else i
+                      for i, n in enumerate(names)])  # fmt: skip
+    world = world_rotations(clip.skeleton, clip.rotations)
+    glass = np.array([-1.0, 1.0, 1.0])
+    wanted = world_positions(clip.skeleton, world, clip.translations)[:, image] * glass
+    best, least = clip, np.inf
+    for axes in ([1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, -1]):
+        turned = np.diag(glass) @ world[:, image] @ np.diag(axes)
+        moved = clip.translations[:, image] * axes
+        moved[:, 0] = clip.translations[:, 0] * glass
+        made = replace(clip, rotations=local_rotations(clip.skeleton, turned), translations=moved)
+        gap = float(np.abs(world_positions(clip.skeleton, turned, moved) - wanted).max())
+        if gap < least:
+            best, least = made, gap
+    return best
+
+
+def noisy(clip: SkeletonClip) -> SkeletonClip:
+    """Return a clip with noise of about a millimetre on every joint."""
+    rng = np.random.default_rng(clip.frames)
+    turns = Rotation.from_rotvec(0.0025 * rng.normal(size=(clip.rotations.size // 9, 3)))
+    rotations = clip.rotations @ turns.as_matrix().reshape(clip.rotations.shape)
+    translations = clip.translations.copy()
+    translations[:, 1] += 0.1 * rng.normal(size=translations[:, 1].shape)
+    return replace(clip, rotations=rotations, translations=translations)
+
+
+KINDS: dict[str, Callable[[SkeletonClip], SkeletonClip]] = {
+    "cropped": cropped,
+    "resampled": halved,
+    "mirrored": mirrored,
+    "noise": noisy,
+}
+
+
+def plant(files: list[Path], library: Path) -> dict[frozenset[str], str]:
+    """Link files into a library and plant copies; return the planted pairs, with their kinds."""
+    library.mkdir(parents=True)
+    for path in files:
+        (library / path.name).symlink_to(path)
+    read = ((path, read_clip(path)) for path in files)
+    some = ((path, clip) for path, clip in read if 3.0 < clip.frames * clip.frame_time < 12.0)
+    planted = {}
+    for kind in ("renamed", *KINDS):
+        for _ in range(OF_EACH):
+            path, clip = next(some)
+            copy = library / f"planted_{kind}_{path.name}"
+            planted[frozenset((path.name, copy.name))] = kind
+            if kind == "renamed":
+                shutil.copy(path, copy)
+                continue
+            assert isinstance(clip, SkeletonClip)
+            if kind == "resampled":
+                clip = faster(clip)
+                (library / path.name).unlink()
+                (library / path.name).write_bytes(clip_bytes(clip, "bvh"))
+            copy.write_bytes(clip_bytes(KINDS[kind](clip), "bvh"))
+    return planted
+
+
+def labels(name: str) -> tuple[str, ...]:
+    """Return what is equal in the names of retakes."""
+    match = LABELS.search(name)
+    return match.group("set", "content", "style") if match else (name,)
+
+
+def retake_figures(found: list[Pair], names: list[str]) -> dict[str, float]:
+    """Return how many retakes are right, and of how many clips with one, one is found."""
+    pairs = [pair for pair in found if pair.kind == "retake"]
+    right = [pair for pair in pairs if labels(pair.clip) == labels(pair.other)]
+    groups = [labels(name) for name in names]
+    having = {name for name, group in zip(names, groups, strict=True) if groups.count(group) > 1}
+    told = {name for pair in right for name in (pair.clip, pair.other)} & having
+    return {
+        "told": len(pairs),
+        "right": len(right),
+        "precision": len(right) / max(len(pairs), 1),
+        "clips_with_a_retake": len(having),
+        "recall_of_clips": len(told) / max(len(having), 1),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, help="the folder with bandai/")
+    parser.add_argument("out", type=Path, help="an empty folder")
+    parser.add_argument("--clips", type=int, default=500)
+    parser.add_argument("--tolerance", type=float, default=0.1, help="centimetres")
+    parser.add_argument("--seed", type=int, default=3)
+    options = parser.parse_args()
+    files = list(clip_files(SETS["bandai"], options.data).values())
+    random.Random(options.seed).shuffle(files)
+    library, folder = options.out / "library", options.out / "archive"
+    planted = plant([path.resolve() for path in files[: options.clips]], library)
+    archive_library(library, folder, Settings(tolerance=options.tolerance), workers=0)
+    update_catalog(folder, engine=SerialExecutor())
+    with Archive(folder) as archive:
+        found = find_duplicates(archive, Catalog(folder, many=True))
+        names = [name for name in archive if not name.startswith("planted")]
+    told = {frozenset((pair.clip, pair.other)): pair for pair in found if pair.kind != "retake"}
+    record = {
+        "clips": options.clips,
+        "planted": {
+            kind: {
+                "planted": OF_EACH,
+                "found": sum(pair in told for pair, how in planted.items() if how == kind),
+                "called": sorted(
+                    {
+                        told[pair].kind
+                        for pair, how in planted.items()
+                        if how == kind and pair in told
+                    }
+                ),
+            }
+            for kind in ("renamed", *KINDS)
+        },
+        "others_told": [
+            [pair.kind, pair.clip, pair.other, pair.distance]
+            for key, pair in told.items()
+            if key not in planted
+        ],
+        "retakes": retake_figures(found, names),
+    }
+    print(json.dumps(record, indent=2))
+
+
+if __name__ == "__main__":
+    main()
