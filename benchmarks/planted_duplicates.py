@@ -143,8 +143,9 @@ def labels(name: str) -> tuple[str, ...]:
 
 
 def retake_figures(found: list[Pair], names: list[str]) -> dict[str, float]:
-    """Return how many retakes are right, and of how many clips with one, one is found."""
-    pairs = [pair for pair in found if pair.kind == "retake"]
+    """Return how many retakes among ``names`` are right, and how many clips have one told."""
+    known = set(names)
+    pairs = [pair for pair in found if pair.kind == "retake" and {pair.clip, pair.other} <= known]
     right = [pair for pair in pairs if labels(pair.clip) == labels(pair.other)]
     groups = [labels(name) for name in names]
     having = {name for name, group in zip(names, groups, strict=True) if groups.count(group) > 1}

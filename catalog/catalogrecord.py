@@ -61,7 +61,12 @@ def read_record(archive: Path) -> CatalogRecord | None:
     try:
         record = json.loads(path.read_text("utf-8"))
         if record["format"] != FORMAT:
-            raise VersionError(f"catalog format {record['format']}", file=path, advice=REBUILD)
+            written = record["format"]
+            raise VersionError(
+                f"catalog format {written}; this motifold reads {FORMAT}",
+                file=path,
+                advice=REBUILD,
+            )
         batches = tuple(
             BatchRecord(
                 each["folder"],

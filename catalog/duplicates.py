@@ -25,7 +25,8 @@ from .wordwarp import slid_inside
 
 NOISE = 0.4  # centimetres that copies may differ by on average, beside their certified errors
 STILL = 3.0  # times that: clips that move less are too still to tell
-RETAKE = 5.0  # centimetres between the joints of two takes, warped onto each other
+RETAKE = 4.5  # centimetres between the joints of two takes, warped onto each other
+LONGER = 1.5  # times as long as another one that a retake lasts, at most
 ALIKE = 0.5  # distance of words up to which motion is looked at
 NEAR = 8  # clips that each clip is compared with, of each kind of query
 COARSE, FINE = 30.0, 240.0  # samples a second: of the first search, and of the offset
@@ -140,7 +141,8 @@ def compare_motions(
         whole = long.seconds - short.seconds < 2.0 / RATE
         kind = ("same" if whole else "crop") + (", mirrored" if mirrored else "")
         return Pair(kind, long.name, short.name, round(offset, 4), round(distance, 3))
-    if retakes and not mirrored and distance < 5.0 * RETAKE:
+    alike_long = long.seconds <= LONGER * short.seconds  # warping makes a wave of any raised hand
+    if retakes and alike_long and not mirrored and distance < 5.0 * RETAKE:
         slow = [
             resampled(each.points, each.frame_time).astype(np.float32).reshape(-1, points[0].size)
             for each in (long, short)

@@ -87,6 +87,8 @@ def _find(catalog: Catalog, text: str) -> int | None:
     advice = f"Did you mean {' or '.join(close)}?" if close else "See: motifold info --clips"
     if text in catalog.record.left_out:
         advice = f"It has no words: {catalog.record.left_out[text]}"
+    if catalog.problems:
+        advice = f"Some clips are not searched: {catalog.problems[0]}"
     raise UnknownClipError(f"no clip {text!r}, nor a file", file=catalog.archive, advice=advice)
 
 

@@ -74,9 +74,10 @@ def cut_query(words: Words, start: float | None, stop: float | None) -> Words:
     first = 0 if start is None else round(start * RATE)
     last = len(words) if stop is None else min(round(stop * RATE) + 1, len(words))
     if first < 0 or first >= last:
+        lasts = max(len(words) - 1, 0) / RATE
         raise UsageError(
-            f"from {start or 0:g} s to {stop if stop is not None else len(words) / RATE:g} s "
-            f"there is nothing: the clip lasts {max(len(words) - 1, 0) / RATE:g} s",
+            f"from {start or 0:g} s to {lasts if stop is None else stop:g} s there is nothing: "
+            f"the clip lasts {lasts:g} s",
             advice="Choose another --from and --to",
         )
     span = np.array(words[first:last])

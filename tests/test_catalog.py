@@ -8,6 +8,8 @@ import json
 import math
 import re
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -30,11 +32,12 @@ from motifold.catalog.growth import ledger_growth, replay
 from motifold.catalog.indexing import Indexed, update_catalog
 from motifold.catalog.queries import ask
 from motifold.catalog.search import Query, search
-from motifold.codec.errors import DamagedError, UnknownClipError, UsageError
+from motifold.codec.errors import DamagedError, UnknownClipError, UsageError, VersionError
 from motifold.codec.formats.bvh import format_bvh
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.layout import DERIVED, archive_bytes
+from motifold.pipeline.ledger import Row
 from motifold.pipeline.plan import Settings
 from motifold.pipeline.run import archive_library
 
@@ -181,6 +184,9 @@ def test_search_goes_on_over_what_is_whole(tmp_path: Path, archive: Path) -> Non
     code, out = ran("search", folder, names[0], "--json")
     assert code == 3
     assert [hit["clip"] for hit in json.loads(out)["hits"]] == [names[1]]
+    gone = Catalog(archive).names[0]
+    with pytest.raises(UnknownClipError, match="motifold index --rebuild"):
+        ask(Catalog(folder), gone)
     indexed(folder)  # mends it
     assert len(Catalog(folder)) == CLIPS + 2
     assert Catalog(folder).problems == []
@@ -254,6 +260,36 @@ def test_reports_are_pages_and_json(archive: Path, small_library: Path, tmp_path
     growth = said("report", "growth", archive, "--html", tmp_path / "growth.html")
     assert [point["clips"] for point in growth["jobs"]] == [CLIPS]
     assert_stands_alone((tmp_path / "growth.html").read_text())
+
+
+def test_a_catalog_of_an_older_format_says_what_to_do(archive: Path, tmp_path: Path) -> None:
+    folder = copied(archive, tmp_path / "archive")
+    record = json.loads((folder / FOLDER / NAME).read_text())
+    (folder / FOLDER / NAME).write_text(json.dumps({**record, "format": 1}))
+    with pytest.raises(VersionError, match="motifold index --rebuild"):
+        Catalog(folder)
+    assert indexed(folder).new == CLIPS
+    assert len(Catalog(folder)) == CLIPS
+
+
+def test_equal_sources_are_found_whatever_digits_their_rows_have() -> None:
+    row = Row("a", "0" * 12, "0123456789ab", 5, 1, 0, 1)
+    assert row.content == replace(row, source="0123456789abcdef").content
+    assert row.content != replace(row, source="0123456789ac").content
+    assert row.content != replace(row, source_bytes=6).content
+
+
+def test_searching_wakes_no_compiler(archive: Path) -> None:
+    heavy = "numba", "scipy", "sklearn", "zarr", "dask", "constriction"
+    name = Catalog(archive).names[0]
+    code = (
+        "import sys; from motifold.workflows.cli import app\n"
+        f"app(['search', {str(archive)!r}, {name!r}], standalone_mode=False)\n"
+        f"print([each for each in {heavy!r} if each in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert name not in done.stdout
+    assert done.stderr.strip().endswith("[]")
 
 
 def test_growth_counts_every_byte_and_no_clip_twice(small_library: Path, tmp_path: Path) -> None:
