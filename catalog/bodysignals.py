@@ -88,19 +88,28 @@ def faced(clip: Clip, parts: tuple[BodyPart, ...], *, steady: bool = False) -> F
 
 def resampled(points: FloatArray, frame_time: float, rate: float = RATE) -> FloatArray:
     """Return points (frames, …) at ``rate`` samples a second: means of the frames about them."""
-    from scipy.ndimage import uniform_filter1d  # takes longer to import than a search
-
     frames = len(points)
     flat = points.reshape(frames, -1)
     width = round(1.0 / (rate * frame_time)) if frame_time > 0 else 1
     if width > 1:
-        flat = uniform_filter1d(flat, width, axis=0, mode="nearest")
+        flat = _smoothed(flat, width)
     at = np.arange(round((frames - 1) * frame_time * rate) + 1) / (rate * frame_time)
     at = np.minimum(at, frames - 1)
     low = at.astype(np.int64)
     high = np.minimum(low + 1, frames - 1)
     share = (at - low)[:, None]
     return np.asarray((flat[low] * (1 - share) + flat[high] * share).reshape(-1, *points.shape[1:]))
+
+
+def _smoothed(values: FloatArray, width: int) -> FloatArray:
+    """Return means of ``width`` frames about each; the first and last are held beyond the ends.
+
+    What SciPy's filter does, which takes longer to import than a search.
+    """
+    ends = [(width // 2, (width - 1) // 2)] + [(0, 0)] * (values.ndim - 1)
+    sums = np.cumsum(np.pad(values, ends, mode="edge"), axis=0)
+    sums = np.concatenate([np.zeros_like(sums[:1]), sums])
+    return np.asarray((sums[width:] - sums[:-width]) / width)
 
 
 def _points(clip: Clip, parts: tuple[BodyPart, ...]) -> tuple[FloatArray, Points, float]:
@@ -187,8 +196,6 @@ def _headings(points: FloatArray, chosen: Points) -> tuple[FloatArray, FloatArra
 
     The body faces away from the line from its right to its left side; without sides, along +Z.
     """
-    from scipy.ndimage import uniform_filter1d
-
     across = np.zeros((len(points), 3))
     for limb in ("arm", "leg"):
         if {f"left_{limb}", f"right_{limb}"} <= chosen.keys():
@@ -196,7 +203,7 @@ def _headings(points: FloatArray, chosen: Points) -> tuple[FloatArray, FloatArra
     if not across.any() and {"left_leg", "right_leg"} <= chosen.keys():  # markers share the root
         across = points[:, chosen["left_leg"][1]] - points[:, chosen["right_leg"][1]]
     yaw = np.unwrap(np.arctan2(-across[:, 2], across[:, 0]))
-    yaw = uniform_filter1d(yaw, _STEADY, mode="nearest")
+    yaw = _smoothed(yaw, _STEADY)
     turn = np.zeros((len(points), 3, 3))
     turn[:, 0, 0] = turn[:, 2, 2] = np.cos(yaw)
     turn[:, 0, 2] = -np.sin(yaw)

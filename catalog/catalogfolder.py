@@ -78,6 +78,22 @@ class Batch:
         """The name and the index file of each clip."""
         return list(zip(self.names, self.index, strict=True))
 
+    def amplitude_gaps(self, own: FloatArray, weights: FloatArray) -> npt.NDArray[np.float32]:
+        """Return (clips,) how far amplitudes are from ``own`` (postures,), centimetres.
+
+        ``weights``: (postures,) what the square of each difference counts.
+        """
+        out = np.zeros(len(self.names), np.float32)
+        for column, amplitude, weight in zip(
+            self._amplitudes_by_posture, own, weights, strict=True
+        ):
+            out += np.float32(weight) * np.square(column - np.float32(amplitude))
+        return np.sqrt(out)
+
+    @cached_property
+    def _amplitudes_by_posture(self) -> npt.NDArray[np.float32]:
+        return np.ascontiguousarray(self.amplitudes.T)
+
     @cached_property
     def first_passages(self) -> IntArray:
         """(clips,) the number of each clip's first passage."""

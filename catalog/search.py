@@ -7,7 +7,7 @@ Only the catalog is read, never a frame of motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -125,12 +125,10 @@ def search(
 
 def warp_costs(catalog: Catalog, query: Query, clips: IntArray, weights: FloatArray) -> FloatArray:
     """Return (clips,) what time warping takes from the scores of clips, from end to end."""
-    pairs = [thinned(query.words, catalog.words(clip)) for clip in clips.tolist()]
-    gaps = np.empty(len(pairs))
-    for samples in {len(some) for some, _ in pairs}:  # of long clips, fewer are compared
-        which = [place for place, (some, _) in enumerate(pairs) if len(some) == samples]
-        others = [pairs[place][1] for place in which]
-        gaps[which] = warped(pairs[which[0]][0], others, catalog.table, weights)
+    said = [catalog.words(clip) for clip in clips.tolist()]
+    gaps = np.empty(len(said))
+    for which, some, others in _thinned_alike(query.words, said):
+        gaps[which] = warped(some, others, catalog.table, weights)
     return np.asarray(WARP_WEIGHT * gaps / max(float(np.median(gaps)), 1e-9))
 
 
@@ -175,7 +173,6 @@ def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode)
     terms, part = terms[kept], part[kept]
     factors = np.sqrt(share[terms]) * catalog.rareness[terms] * weights[part] ** 2 / SCALE
     amplitudes = catalog.vocabulary.amplitudes(query.words, np.array([0, len(query.words)]))
-    postures = OWNERS[len(PARTS) :]
     for number, batch in enumerate(catalog.batches):
         scores = np.zeros(len(batch.spans), np.float32)
         _add_scores(catalog, batch.postings, terms, factors.astype(np.float32), scores)
@@ -190,8 +187,8 @@ def clip_scores(catalog: Catalog, query: Query, weights: FloatArray, mode: Mode)
         else:
             clips = np.add.reduceat(scores, firsts) / batch.passage_counts
         if mode == "whole":
-            gaps = np.square(batch.amplitudes - amplitudes) @ (len(PARTS) * weights[postures])
-            clips = clips - np.sqrt(gaps) / AMPLITUDE
+            counted = len(PARTS) * weights[OWNERS[len(PARTS) :]]
+            clips = clips - batch.amplitude_gaps(amplitudes[0], counted) / AMPLITUDE
         out[catalog.offset(number) : catalog.offset(number + 1)] = clips
     out[~catalog.current] = -np.inf
     if query.own is not None:
@@ -226,6 +223,16 @@ def thinned(query: Words, clip: Words) -> tuple[Words, Words]:
     return np.ascontiguousarray(query[::step]), np.ascontiguousarray(clip[::step])
 
 
+def _thinned_alike(
+    query: Words, clips: Sequence[Words]
+) -> Iterator[tuple[list[int], Words, list[Words]]]:
+    """Yield the numbers of clips that are `thinned` alike, and the query and them, thinned."""
+    pairs = [thinned(query, clip) for clip in clips]
+    for samples in sorted({len(some) for some, _ in pairs}):
+        which = [place for place, (some, _) in enumerate(pairs) if len(some) == samples]
+        yield which, pairs[which[0]][0], [pairs[place][1] for place in which]
+
+
 def _add_scores(
     catalog: Catalog,
     postings: Postings,
@@ -250,13 +257,14 @@ def _hits(
     spans: dict[int, tuple[int, int]],
 ) -> list[Hit]:
     counted = np.bincount(OWNERS, weights)
+    said = [catalog.words(clip)[slice(*spans.get(clip, (None, None)))] for clip in clips.tolist()]
+    gaps = np.empty((len(said), len(weights)))
+    for which, some, others in _thinned_alike(query.words, said):
+        gaps[which] = warped_path(some, others, catalog.table, weights)
     out = []
-    for clip, score in zip(clips.tolist(), scores.tolist(), strict=True):
-        words, seconds = catalog.words(clip), catalog.seconds(clip)
-        first, last = spans.get(clip, (0, len(words)))
-        some, others = thinned(query.words, words[first:last])
-        gaps = warped_path(some, [others], catalog.table, weights)[0]
-        apart = np.bincount(OWNERS, gaps * weights) / np.maximum(counted, 1e-9)
+    for place, (clip, score) in enumerate(zip(clips.tolist(), scores.tolist(), strict=True)):
+        seconds = catalog.seconds(clip)
+        apart = np.bincount(OWNERS, gaps[place] * weights) / np.maximum(counted, 1e-9)
         parts = {
             part: round(float(np.clip(1.0 - apart[number], 0.0, 1.0)), 3)
             for number, part in enumerate(PARTS)
@@ -264,6 +272,7 @@ def _hits(
         }
         start, stop = 0.0, seconds
         if clip in spans:
+            first, last = spans[clip]
             start, stop = first / RATE, min(seconds, (last - 1) / RATE)
         name = catalog.names[clip]
         out.append(Hit(name, round(start, 3), round(stop, 3), round(score, 4), parts))

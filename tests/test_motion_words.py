@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from libraries import short_specs
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from motifold.catalog.bodysignals import PARTS, Signals, body_signals, mirror_signs
+from motifold.catalog.bodysignals import PARTS, Signals, body_signals, mirror_signs, resampled
 from motifold.catalog.vocabulary import (
     COLUMNS,
     NO_WORD,
@@ -77,6 +78,14 @@ def test_a_bigger_body_moves_alike() -> None:
     giant = replace(clip, skeleton=skeleton, translations=1.5 * clip.translations)
     for part, signal in signals_of(giant).items():
         assert np.allclose(signal, SIGNALS[0][part], atol=1e-6), part
+
+
+@given(st.integers(1, 40), st.integers(2, 12), st.integers(0, 2**32 - 1))
+def test_resampling_takes_the_mean_of_the_frames_about(frames: int, width: int, seed: int) -> None:
+    points = np.random.default_rng(seed).normal(size=(frames, 2, 3))
+    expected = uniform_filter1d(points, width, axis=0, mode="nearest")[::width]
+    found = resampled(points, 1.0 / (10.0 * width))
+    assert np.allclose(found[: len(expected)], expected[: len(found)], atol=1e-9)
 
 
 def test_words_are_the_nearest_centres() -> None:

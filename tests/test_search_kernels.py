@@ -146,12 +146,12 @@ def cheapest_path(cost: np.ndarray) -> list[tuple[int, int]]:
     while i and j:
         path.append((i - 1, j - 1))
         here = cost[i - 1, j - 1]
-        ways = {
+        sources = {
             (i - 1, j - 1): total[i - 1, j - 1] + 2 * here,
             (i - 1, j): total[i - 1, j] + here,
             (i, j - 1): total[i, j - 1] + here,
         }
-        i, j = min(ways, key=ways.__getitem__)
+        i, j = min(sources, key=sources.__getitem__)
     return path
 
 
