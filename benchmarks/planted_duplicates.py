@@ -159,6 +159,13 @@ def retake_figures(found: list[Pair], names: list[str]) -> dict[str, float]:
     }
 
 
+def cost_share(archive: Archive, pair: frozenset[str]) -> float:
+    """Return how many bytes a frame the cheaper one of two clips takes, over the dearer one's."""
+    clips = [archive[name] for name in pair]
+    least, most = sorted(clip.path.stat().st_size / clip.frames for clip in clips)
+    return least / most
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path, help="the folder with bandai/")
@@ -176,6 +183,7 @@ def main() -> None:
     with Archive(folder) as archive:
         found = find_duplicates(archive, Catalog(folder, many=True))
         names = [name for name in archive if not name.startswith("planted")]
+        shares = {pair: cost_share(archive, pair) for pair in planted}
     told = {frozenset((pair.clip, pair.other)): pair for pair in found if pair.kind != "retake"}
     record = {
         "clips": options.clips,
@@ -192,6 +200,10 @@ def main() -> None:
                 ),
             }
             for kind in ("renamed", *KINDS)
+        },
+        "bytes_a_frame_of_the_cheaper_one": {
+            kind: sorted(round(shares[pair], 3) for pair, how in planted.items() if how == kind)
+            for kind in KINDS
         },
         "others_told": [
             [pair.kind, pair.clip, pair.other, pair.distance]
