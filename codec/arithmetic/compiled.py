@@ -27,11 +27,25 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 def compiled(function: Function) -> Function:
     """Return ``function`` compiled, with the same signature."""
+    return _compiled(function, True)
+
+
+def lean(function: Function) -> Function:
+    """Return a function that makes no arrays compiled, without counting references to them.
+
+    Counting takes long in small functions that are called for every joint: each count is an
+    atomic operation. A function that makes an array does not compile so.
+    """
+    return _compiled(function, False)
+
+
+def _compiled(function: Function, counting: bool) -> Function:
     folder = _cache_folder(Path(function.__code__.co_filename).parent)
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = folder or before  # read when the decorator runs, and not later
     try:
-        made = njit(cache=folder is not None, nogil=True, error_model="numpy")(function)
+        options = {"nogil": True, "error_model": "numpy", "_nrt": counting}
+        made = njit(cache=folder is not None, **options)(function)
     finally:
         numba.config.CACHE_DIR = before
     return cast(Function, made)

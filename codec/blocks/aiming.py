@@ -9,10 +9,11 @@ nearest to where they should be. The decoder knows nothing of it.
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
-from ..arithmetic.compiled import compiled
+from ..arithmetic.compiled import compiled, lean
 from ..arithmetic.fixedpoint import ANGLE_BITS, ONE, Turn, between, product, turn_of, unit
 from ..arithmetic.quaternionlog import vector_to
 from ..arithmetic.scaling import LENGTH_BITS
@@ -26,6 +27,7 @@ MOST_TURNED = 0.3  # radians
 BALL = 0.01  # of the squared turns about the main axis: what counts as one more
 STIFF = 1e-9  # squared radians a frame: a joint that turns less has no axis
 UNIT = float(1 << LENGTH_BITS)
+Spot: TypeAlias = tuple[float, float, float]
 MEND_COLUMNS = 21  # gain (3 × 3), inertia (3 × 3), first moment (3)
 
 
@@ -87,7 +89,7 @@ def _bends(goal: IntArray, node: int, guide: int) -> FloatArray:
     return total
 
 
-@compiled
+@lean
 def aim(
     state: IntArray,
     goal: IntArray,
@@ -106,7 +108,6 @@ def aim(
     joints + end sites, 3) where they should be; beyond their end the last one counts.
     """
     mend, guide = mends[node], table[node, GUIDE]
-    spot = np.empty(3)
     for i in range(len(out)):
         frame = start + i
         true = turn_at(goal, frame, node)
@@ -115,18 +116,21 @@ def aim(
             held = between(turn_at(goal, frame, guide), true)
             turn = product(turn_at(state, frame, guide), held)
         if mend[0] != 0.0 or mend[4] != 0.0 or mend[8] != 0.0:
-            spot_at(state, frame, table[node, JOINT], shape, offsets, spot)
-            known = min(frame, len(points) - 1)
-            for c in range(3):
-                spot[c] = points[known, table[node, JOINT], c] - spot[c]
-            turn = _mended(turn, true, spot, mend)
+            joint, known = table[node, JOINT], min(frame, len(points) - 1)
+            x, y, z = spot_at(state, frame, joint, shape, offsets)
+            off = (
+                points[known, joint, 0] - x,
+                points[known, joint, 1] - y,
+                points[known, joint, 2] - z,
+            )
+            turn = _mended(turn, true, off, mend)
         for c in range(4):
             out[i, c] = turn[c]
 
 
-@compiled
-def _mended(turn: Turn, true: Turn, off: FloatArray, mend: FloatArray) -> Turn:
-    """Return ``turn`` turned so that what hangs on it moves by ``off`` (3,), centimetres."""
+@lean
+def _mended(turn: Turn, true: Turn, off: Spot, mend: FloatArray) -> Turn:
+    """Return ``turn`` turned so that what hangs on it moves by ``off``, centimetres."""
     ex, ey, ez = along((true[0], -true[1], -true[2], -true[3]), off[0], off[1], off[2])
     sx, sy, sz = mend[18], mend[19], mend[20]
     ax, ay, az = vector_to(between(true, turn))
@@ -141,17 +145,10 @@ def _mended(turn: Turn, true: Turn, off: FloatArray, mend: FloatArray) -> Turn:
     return unit(product(turn, turn_of(round(dx * scale), round(dy * scale), round(dz * scale))))
 
 
-@compiled
-def spot_at(
-    state: IntArray,
-    frame: int,
-    joint: int,
-    shape: IntArray,
-    offsets: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Write where the decoded turns and places above a joint put it (3,), centimetres."""
-    out[:] = 0.0
+@lean
+def spot_at(state: IntArray, frame: int, joint: int, shape: IntArray, offsets: FloatArray) -> Spot:
+    """Return where the decoded turns and places above a joint put it, centimetres."""
+    a, b, c = 0.0, 0.0, 0.0
     while joint >= 0:
         parent, place = shape[joint, 0], shape[joint, 2]
         x, y, z = offsets[joint, 0], offsets[joint, 1], offsets[joint, 2]
@@ -165,14 +162,13 @@ def spot_at(
             parent = -1
         if parent >= 0:
             x, y, z = along(turn_at(state, frame, shape[parent, 1]), x, y, z)
-        out[0] += x
-        out[1] += y
-        out[2] += z
+        a, b, c = a + x, b + y, c + z
         joint = parent
+    return a, b, c
 
 
 @compiled
-def along(turn: Turn, x: float, y: float, z: float) -> tuple[float, float, float]:
+def along(turn: Turn, x: float, y: float, z: float) -> Spot:
     """Return a vector turned by ``turn``."""
     w, i, j, k = turn[0] / ONE, turn[1] / ONE, turn[2] / ONE, turn[3] / ONE
     u, v, t = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ..arithmetic.compiled import compiled
+from ..arithmetic.compiled import compiled, lean
 from ..arithmetic.fixedpoint import between, log2_of, rotated
 from ..arithmetic.quaternionlog import vector_to
 from ..arithmetic.scaling import signal_of
@@ -33,7 +33,7 @@ def fine_step(step: int, fine: int) -> int:
     return max(((step >> (fine >> 2)) * quarter[fine & 3]) >> 8, 1)
 
 
-@compiled
+@lean
 def activity_of(quantised: IntArray, fine: int) -> int:
     """Return log2 (× 256) of a node's mean quantised size in unrefined steps, plus a floor."""
     total = 0
@@ -100,7 +100,7 @@ def expect(
         speed += abs(features[f])
     signs[4] = _in_steps(speed // 12, size)
     if keys.shape[1] + own > 0:
-        key = np.empty(keys.shape[2], np.int64)
+        key = np.empty(keys.shape[2], np.int16)
         key_of(features, span, key)
         spread, nearest, last = recall(
             key, keys[row], follows[row], own_keys[row], own_follows[row], own, prediction
@@ -124,7 +124,7 @@ def expect(
             classes[c] = class_of(base[row, c] + level)
 
 
-@compiled
+@lean
 def settle(
     state: IntArray,
     table: IntArray,
@@ -154,7 +154,7 @@ def settle(
     activity[0, node] = activity_of(quantised, fine)
 
 
-@compiled
+@lean
 def wanted(
     state: IntArray,
     aims: IntArray,
@@ -194,9 +194,10 @@ def wanted(
         out[3 * i], out[3 * i + 1], out[3 * i + 2] = round(x), round(y), round(z)
 
 
-@compiled
+@lean
 def choose(
     left: IntArray,
+    rest: FloatArray,
     basis: IntArray,
     analysis: FloatArray,
     size: int,
@@ -211,10 +212,11 @@ def choose(
     A coefficient is rounded down where the bits that this saves (``ones``: bits of ±1 rather
     than 0, ``more``: of each one more, by class) times ``thrift`` outweigh the larger squared
     error, in steps²: rate-distortion optimised rounding. ``basis`` and ``analysis``: the row's,
-    of `MotionModel`; ``size``: the step, 2^-24 cm.
+    of `MotionModel`; ``size``: the step, 2^-24 cm; ``rest``: (channels,) room to work in.
     """
     channels = len(left)
-    rest = left.astype(np.float64)
+    for c in range(channels):
+        rest[c] = left[c]
     quantised[:] = 0
     for attempt in range(4):
         changed = False
@@ -227,7 +229,8 @@ def choose(
             part = abs(z) - low
             step_up = 0.5
             if attempt == 0:
-                step_up += 0.5 * thrift * (ones if low == 0 else more)[classes[k]]
+                kind = classes[k]
+                step_up += 0.5 * thrift * (ones[kind] if low == 0 else more[kind])
             whole = low + 1 if part >= step_up else low
             if attempt > 0 and abs(z) < 1.0:
                 whole = 0

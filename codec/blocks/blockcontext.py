@@ -9,8 +9,9 @@ retrieval compares a few of them. All whole numbers, in units of 2^-20 cm.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
-from ..arithmetic.compiled import compiled
+from ..arithmetic.compiled import compiled, lean
 from ..arithmetic.fixedpoint import (
     ONE,
     TURN_BITS,
@@ -26,6 +27,8 @@ from ..arithmetic.fixedpoint import (
 from ..arithmetic.scaling import FROM_ANGLES, FROM_TURNS, LENGTH_BITS, to_angles, to_lengths
 from ..clip import IntArray
 from .nodes import AXES, CARRIER, FOLLOWER, GUIDE, HINGE, KIND, LEVER, PLACE, SCALE
+
+KeyArray = npt.NDArray[np.int16]
 
 UNIT_BITS = LENGTH_BITS
 LEVER_BITS = 4
@@ -77,7 +80,7 @@ def bent_by(state: IntArray, node: int, guide: int, last: int, frame: int) -> Ve
     return vector_of(between(before, after))
 
 
-@compiled
+@lean
 def moved_in_lengths(state: IntArray, table: IntArray, node: int, last: int, frame: int) -> Vector:
     """Return the signal (2^-20 cm) that a node's motion from ``last`` to ``frame`` is.
 
@@ -102,7 +105,7 @@ def moved_by(state: IntArray, node: int, last: int, frame: int, lever: int) -> V
     )
 
 
-@compiled
+@lean
 def describe(
     state: IntArray,
     table: IntArray,
@@ -162,7 +165,7 @@ def describe(
         out[i] = min(max(out[i], -FEATURE_LIMIT), FEATURE_LIMIT)
 
 
-@compiled
+@lean
 def _follow(
     state: IntArray,
     table: IntArray,
@@ -214,8 +217,8 @@ def _follow(
         out[at + 3 * k], out[at + 3 * k + 1], out[at + 3 * k + 2] = x, y, z
 
 
-@compiled
-def key_of(features: IntArray, span: int, out: IntArray) -> None:
+@lean
+def key_of(features: IntArray, span: int, out: KeyArray) -> None:
     """Write what retrieval compares, (24,) in 1/64 cm, into ``out``."""
     guide = 15
     carrier = guide + 3 * span + 6
@@ -224,19 +227,23 @@ def key_of(features: IntArray, span: int, out: IntArray) -> None:
     for c in range(3):
         bend_guide = features[guide + middle + c] - features[guide + end + c] // 2
         bend_carrier = features[carrier + middle + c] - features[carrier + end + c] // 2
-        out[c] = features[c] * _KEY_WEIGHTS[0]
-        out[3 + c] = (features[3 + c] - 2 * features[c]) * _KEY_WEIGHTS[1]
-        out[6 + c] = features[12 + c] * _KEY_WEIGHTS[2]
-        out[9 + c] = features[upward + c] * _KEY_WEIGHTS[3]
-        out[12 + c] = features[guide + end + c] * _KEY_WEIGHTS[4]
-        out[15 + c] = bend_guide * _KEY_WEIGHTS[5]
-        out[18 + c] = features[carrier + end + c] * _KEY_WEIGHTS[6]
-        out[21 + c] = bend_carrier * _KEY_WEIGHTS[7]
-    for i in range(KEYS):
-        out[i] = min(max(out[i] >> KEY_SHIFT, -32767), 32767)
+        out[c] = _weighed(features[c], 0)
+        out[3 + c] = _weighed(features[3 + c] - 2 * features[c], 1)
+        out[6 + c] = _weighed(features[12 + c], 2)
+        out[9 + c] = _weighed(features[upward + c], 3)
+        out[12 + c] = _weighed(features[guide + end + c], 4)
+        out[15 + c] = _weighed(bend_guide, 5)
+        out[18 + c] = _weighed(features[carrier + end + c], 6)
+        out[21 + c] = _weighed(bend_carrier, 7)
 
 
-@compiled
+@lean
+def _weighed(length: int, which: int) -> int:
+    """Return a length as one of the kinds of numbers that retrieval compares."""
+    return min(max((length * _KEY_WEIGHTS[which]) >> KEY_SHIFT, -32767), 32767)
+
+
+@lean
 def pose(
     state: IntArray, table: IntArray, node: int, start: int, span: int, signals: IntArray
 ) -> None:

@@ -150,6 +150,7 @@ def _walk(
     signs = np.empty(SIGNS, np.int64)
     aims = np.empty((span, 4), np.int64)
     goals = np.empty(channels, np.int64)
+    rest = np.empty(channels)
     errors = np.empty(true_points.shape[1])
     block_costs = np.zeros(nodes)
     largest, total, measured, own = 0.0, 0.0, 0.0, 0
@@ -180,7 +181,7 @@ def _walk(
                     goals[c] -= prediction[c]
                 size = fine_step(step, fine + table[node, FINE])
                 choose(
-                    goals, basis[table[node, ROW]], analysis[table[node, ROW]], size,
+                    goals, rest, basis[table[node, ROW]], analysis[table[node, ROW]], size,
                     classes[block, node], ones, more, thrift / (1.0 + fine),
                     quantised[block, node],
                 )  # fmt: skip

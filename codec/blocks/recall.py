@@ -19,17 +19,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..arithmetic.compiled import compiled
+from ..arithmetic.compiled import compiled, lean
 from ..arithmetic.fixedpoint import rotated
 from ..clip import IntArray
-from .blockcontext import KEYS, back, describe, key_of, moved_in_lengths, turn_at
+from .blockcontext import KEYS, KeyArray, back, describe, key_of, moved_in_lengths, turn_at
 from .nodes import AXES, FOLLOWER, KIND, PLACE, ROW
 
 NEIGHBOURS = 8
 STRIDE = 2  # frames between remembered moments of references
 FAR = 32767  # keys of a row that a reference clip does not have
 
-KeyArray = npt.NDArray[np.int16]
 FollowArray = npt.NDArray[np.int32]
 
 
@@ -103,7 +102,7 @@ def _room(frames: int, rows: int, span: int, stride: int) -> Memory:
     )
 
 
-@compiled
+@lean
 def signals_at(
     state: IntArray, table: IntArray, node: int, start: int, span: int, out: IntArray
 ) -> None:
@@ -117,7 +116,7 @@ def signals_at(
         out[i, 0], out[i, 1], out[i, 2] = x, y, z
 
 
-@compiled
+@lean
 def predict(features: IntArray, weights: IntArray, out: IntArray) -> None:
     """Write the linear prediction of a block into ``out`` (channels,)."""
     out[:] = 1 << 15
@@ -151,7 +150,6 @@ def remember_next(
     nodes = len(table)
     features = np.empty(weights.shape[1], np.int64)
     prediction = np.empty(weights.shape[2], np.int64)
-    key = np.empty(KEYS, np.int64)
     signals = np.zeros((nodes, span, 3), np.int64)
     limit = (1 << 31) - 1
     while known < keys.shape[1] and stride * known + span < frames:
@@ -163,10 +161,8 @@ def remember_next(
             row = table[node, ROW]
             signals_at(state, table, node, start, span, signals[node])
             describe(state, table, node, start, span, lags, up, signals, features)
-            key_of(features, span, key)
+            key_of(features, span, keys[row, moment])
             predict(features, weights[row], prediction)
-            for k in range(KEYS):
-                keys[row, moment, k] = key[k]
             for i in range(span):
                 for c in range(3):
                     missed = signals[node, i, c] - prediction[3 * i + c]
@@ -192,39 +188,51 @@ def recall(
     the last neighbour, 1/64 cm). Neighbours weigh 1 / (d² + d_first²)², with 1 added to
     d_first²: one that is far nearer than the others stands nearly alone.
     """
-    moments, channels = follows.shape
+    moments = len(follows)
     near = np.full(NEIGHBOURS, 1 << 62)
     which = np.zeros(NEIGHBOURS, np.int64)
     _nearest(key, keys, moments, 0, near, which)
     _nearest(key, own_keys, own, moments, near, which)
-    moments += own
-    count = min(moments, NEIGHBOURS)
+    count = min(moments + own, NEIGHBOURS)
+    nearest, last = _root(near[0]), _root(near[count - 1])
+    followed = np.empty((count, len(prediction)), np.int64)
+    for n in range(count):
+        at = which[n]
+        if at >= moments:
+            followed[n] = own_follows[at - moments]
+        else:
+            followed[n] = follows[at]
+    return _blend(near, followed, prediction), nearest, last
+
+
+@lean
+def _blend(near: IntArray, followed: IntArray, prediction: IntArray) -> int:
+    """Add the weighted mean of what followed to ``prediction``; return its deviation.
+
+    ``followed``: (neighbours, channels). In ``near`` their weights are left.
+    """
+    count, channels = followed.shape
     total = 0
-    share = np.empty(NEIGHBOURS, np.int64)
     first = near[0] + 1
     for n in range(count):
         part = 2048 * first // (near[n] + first)
-        share[n] = part * part
-        total += share[n]
-    followed = np.empty((NEIGHBOURS, channels), np.int64)
-    for n in range(count):
-        at = which[n] - len(follows)
-        followed[n] = own_follows[at] if at >= 0 else follows[which[n]]
+        near[n] = part * part
+        total += near[n]
     spread = 0
     for c in range(channels):
         mean = 0
         for n in range(count):
-            mean += share[n] * followed[n, c]
+            mean += near[n] * followed[n, c]
         mean //= total
         deviation = 0
         for n in range(count):
-            deviation += share[n] * abs(followed[n, c] - mean)
+            deviation += near[n] * abs(followed[n, c] - mean)
         spread += deviation // total
         prediction[c] += mean
-    return spread // channels, _root(near[0]), _root(near[count - 1])
+    return spread // channels
 
 
-@compiled
+@lean
 def _nearest(
     key: IntArray, keys: KeyArray, count: int, first: int, near: IntArray, which: IntArray
 ) -> None:

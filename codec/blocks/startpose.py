@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..arithmetic.compiled import compiled
+from ..arithmetic.compiled import compiled, lean
 from ..arithmetic.fixedpoint import ONE, Turn, between, log2_of, product, turn_of, unit
 from ..arithmetic.quaternionlog import vector_to
 from ..arithmetic.scaling import signal_of, to_angles
@@ -74,7 +74,7 @@ def start_classes(nodes: Nodes, model: MotionModel, pose: int, step: int, fine: 
     return np.array([[class_of(value) for value in row] for row in in_steps.tolist()], np.int64)
 
 
-@compiled
+@lean
 def lay(state: IntArray, node: int, table: IntArray, pose: IntArray, usual: IntArray) -> Turn:
     """Return where ``pose`` (rows, 4) expects a node, given its guide's decoded first frame."""
     row, guide = table[node, ROW], table[node, GUIDE]
@@ -102,7 +102,7 @@ def lay(state: IntArray, node: int, table: IntArray, pose: IntArray, usual: IntA
     return unit(product(now, between(above, own)))
 
 
-@compiled
+@lean
 def start_node(
     state: IntArray,
     node: int,
@@ -208,7 +208,8 @@ def _choose_start(
         for c in range(3):
             size = abs(off[c]) / unit_steps
             low = math.floor(size)
-            cost = (ones if low == 0 else more)[classes[node, c]]
+            kind = classes[node, c]
+            cost = ones[kind] if low == 0 else more[kind]
             down = 0.0 if table[node, KIND] == FOLLOWER else 0.5 * thrift * cost
             whole = low + 1 if size - low >= 0.5 + down else low
             out[node, c] = whole if off[c] > 0.0 else -whole

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..arithmetic.compiled import compiled
+from ..arithmetic.compiled import compiled, lean
 from ..arithmetic.fixedpoint import ONE
 from ..clip import BoolArray, FloatArray, IntArray, Skeleton
 from ..geometry.metrics import SHELL_CENTIMETRES
@@ -94,7 +94,7 @@ def all_counted(frames: int, points: int, seen: BoolArray | None = None) -> Floa
     return np.ones((frames, points)) if seen is None else seen.astype(np.float64)
 
 
-@compiled
+@lean
 def matrix_at(state: IntArray, frame: int, node: int, out: FloatArray) -> None:
     """Write a turn's rotation matrix into ``out`` (3, 3)."""
     w = state[frame, node, 0] / float(ONE)
@@ -129,9 +129,24 @@ def errors_at(
     out: FloatArray,
 ) -> None:
     """Write the shell error of every joint, marker and end site at a frame, centimetres."""
+    place = np.empty((len(shape), 3))
+    turns = np.empty((world.shape[1], 3, 3))
+    _errors_at(state, frame, world, points, shape, offsets, place, turns, out)
+
+
+@lean
+def _errors_at(
+    state: IntArray,
+    frame: int,
+    world: FloatArray,
+    points: FloatArray,
+    shape: IntArray,
+    offsets: FloatArray,
+    place: FloatArray,
+    turns: FloatArray,
+    out: FloatArray,
+) -> None:
     count, joints = len(shape), world.shape[1]
-    place = np.empty((count, 3))
-    turns = np.empty((joints, 3, 3))
     for j in range(count):
         parent, turn, node, absolute = shape[j, 0], shape[j, 1], shape[j, 2], shape[j, 3]
         if j < joints:

@@ -15,7 +15,7 @@ from typing import Any
 import constriction
 import numpy as np
 
-from ..arithmetic.compiled import compiled
+from ..arithmetic.compiled import compiled, lean
 from ..clip import FloatArray
 
 CLASSES = 120
@@ -123,7 +123,7 @@ def class_costs() -> tuple[FloatArray, FloatArray, FloatArray]:
     return zeros, ones, more
 
 
-@compiled
+@lean
 def bits_of(kind: int, size: int, zeros: FloatArray, ones: FloatArray, more: FloatArray) -> float:
     """Return about the bits of a number of absolute value ``size``, of class ``kind``."""
     bits: float = zeros[kind]
