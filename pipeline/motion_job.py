@@ -13,9 +13,10 @@ from ..codec.blocks.motionmodel import MotionModel, fixed_model, model_key, usua
 from ..codec.blocks.startpose import usual_pose
 from ..codec.figure.rig import Family
 from ..codec.geometry.limits import Bounds
-from ..codec.learned.economy import candidate, cheapest, coarsened
+from ..codec.learned.economy import candidate, cheapest, coarsened, priced
 from ..codec.learned.learning import learn
 from ..codec.learned.modelfile import can_store, write_model
+from ..codec.learned.predictorfit import products_of
 from ..codec.learned.samples import Manner
 from ..codec.learned.sketch import Sketch
 from ..codec.version2.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
@@ -160,14 +161,15 @@ class MotionJob:
             without = self.settings.without
             # the fixed model has parents and contexts; its basis is what is left of one
             plain_serves = "parents" not in without and "contexts" not in without
-            found = [candidate(plain, samples, manner, share)] if plain_serves else []
+            first = one_thread(products_of, samples, plain, manner)
+            found = [priced(plain, first.costs, share)] if plain_serves else []
             for keep_weights in (False, True):
                 if not keep_weights and self.settings.model == "basis":
                     continue
                 if keep_weights and "parents" in without:
                     continue
                 model = one_thread(
-                    learn, samples, plain, manner, usual, neighbours, keep_weights, without
+                    learn, samples, plain, manner, usual, neighbours, keep_weights, without, first
                 )
                 both = [coarsened(model), model]
                 found += [candidate(each, samples, manner, share) for each in both]

@@ -30,7 +30,8 @@ class Walk:
     """What a walk chose.
 
     ``state``: (frames or more, nodes, 4) as the decoder will see it; ``quantised`` and
-    ``classes``: (blocks, nodes, channels); ``fines``: (blocks,) refinements; ``costs``: (nodes,)
+    ``classes``: (blocks, nodes, channels); ``signs``: (blocks, nodes, 10) what the classes were
+    chosen by, see `blockcoder.expect`; ``fines``: (blocks,) refinements; ``costs``: (nodes,)
     about how many bits each node costs; ``largest``: the largest error, as a share of its limit;
     ``mean``: mean error, centimetres.
     """
@@ -38,6 +39,7 @@ class Walk:
     state: IntArray
     quantised: IntArray
     classes: IntArray
+    signs: IntArray
     fines: IntArray
     costs: FloatArray
     largest: float
@@ -69,6 +71,7 @@ def walk(
     state[:1] = first
     quantised = np.zeros((blocks, count, model.channels), np.int64)
     classes = np.zeros((blocks, count, model.channels), np.int64)
+    signs = np.zeros((blocks, count, SIGNS), np.int64)
     fines = np.zeros(blocks, np.int64)
     costs = np.zeros(count)
     own = own_memory(frames, model.rows, model.span)
@@ -98,10 +101,11 @@ def walk(
         *class_costs(),
         quantised,
         classes,
+        signs,
         fines,
         costs,
     )
-    return Walk(state, quantised, classes, fines, costs, largest, total / max(measured, 1))
+    return Walk(state, quantised, classes, signs, fines, costs, largest, total / max(measured, 1))
 
 
 @compiled
@@ -140,6 +144,7 @@ def _walk(
     more: FloatArray,
     quantised: IntArray,
     classes: IntArray,
+    signs: IntArray,
     fines: IntArray,
     costs: FloatArray,
 ) -> tuple[float, float, float]:
@@ -147,7 +152,6 @@ def _walk(
     signals = np.zeros((nodes, span, 3), np.int64)
     activity = np.zeros((3, nodes), np.int64)
     prediction = np.empty(channels, np.int64)
-    signs = np.empty(SIGNS, np.int64)
     aims = np.empty((span, 4), np.int64)
     goals = np.empty(channels, np.int64)
     rest = np.empty(channels)
@@ -173,7 +177,7 @@ def _walk(
                 expect(
                     state, table, node, start, span, lags, up, weights, base, senses,
                     keys, follows, own_keys, own_follows, own, signals, activity, top, path,
-                    step, fine, prediction, classes[block, node], signs,
+                    step, fine, prediction, classes[block, node], signs[block, node],
                 )  # fmt: skip
                 aim(state, goal, table, node, start, true_points, skeleton, offsets, mends, aims)
                 wanted(state, aims, table, node, start, goals)

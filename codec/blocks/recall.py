@@ -240,12 +240,7 @@ def _nearest(
     worst = near[NEIGHBOURS - 1]
     for m in range(count):
         distance = 0
-        for k in range(12):
-            difference = keys[m, k] - key[k]
-            distance += difference * difference
-        if distance >= worst:
-            continue
-        for k in range(12, KEYS):
+        for k in range(len(key)):  # of a length not known while compiling: it becomes SIMD
             difference = keys[m, k] - key[k]
             distance += difference * difference
         if distance >= worst:

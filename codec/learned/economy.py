@@ -61,7 +61,12 @@ def candidate(
     model: MotionModel, samples: Sequence[Sample], manner: Manner, share: float
 ) -> Candidate:
     """Return a model with its costs; the samples' bytes count ``share`` times."""
-    return Candidate(model, row_costs(samples, model, manner) * share + row_sizes(model))
+    return priced(model, row_costs(samples, model, manner), share)
+
+
+def priced(model: MotionModel, costs: FloatArray, share: float) -> Candidate:
+    """Return the same where the bytes of the samples' blocks (rows,) are known."""
+    return Candidate(model, costs * share + row_sizes(model))
 
 
 def cheapest(candidates: Sequence[Candidate]) -> Candidate:

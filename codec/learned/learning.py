@@ -18,7 +18,7 @@ from ..blocks.offered import Reference, reference_of
 from ..blocks.recall import empty_memory, joined
 from ..clip import IntArray
 from .abreast import abreast
-from .predictorfit import fit_predictors
+from .predictorfit import Products, fit_predictors, products_of
 from .samples import Manner, Sample, walked
 from .sizefit import fit_all_sizes
 from .startfit import fit_starts
@@ -35,6 +35,7 @@ def learn(
     neighbours: Sequence[Sequence[int]],
     keep_weights: bool = False,
     without: Collection[str] = (),
+    first: Products | None = None,
 ) -> MotionModel:
     """Return a model learned from sample clips, beginning with ``start``.
 
@@ -43,11 +44,14 @@ def learn(
     for a library too small to pay for one of its own; ``without``: what is not learned, to
     measure its worth: ``basis`` (the one of ``start`` stays), ``parents`` (nothing is predicted
     from the guide's or the carrier's motion), ``contexts`` (expected sizes do not depend on
-    what is decoded).
+    what is decoded); ``first``: the products of ``start``, where they are known.
     """
     model = start
-    for _ in range(ROUNDS):
-        model = fit_predictors(samples, model, manner, keep_weights, without)
+    products = first or products_of(samples, model, manner)
+    for number in range(ROUNDS):
+        if number > 0:
+            products = products_of(samples, model, manner)
+        model = fit_predictors(products, model, manner, keep_weights, without)
     nothing = empty_memory(model.rows, model.channels)
 
     def reference(sample: Sample) -> Reference:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,28 +33,38 @@ LAST_FRAME = 1.75  # how much finer than the others the last frame of a block is
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 
 
-def fit_predictors(
-    samples: Sequence[Sample],
-    model: MotionModel,
-    manner: Manner,
-    keep_weights: bool = False,
-    without: Collection[str] = (),
-) -> MotionModel:
-    """Return the model with weights and bases fitted to closed-loop walks with the old one.
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Sums over all blocks of closed-loop walks with a model, row by row.
 
-    ``keep_weights``: only the bases are fitted; ``without``: see `learning.learn`.
+    ``gram``: (rows, features, features) products of features, cm²; ``cross``: (rows, features,
+    channels) of features and signals; ``square``: (rows, channels, channels) of signals;
+    ``seen``: (rows,) blocks; ``costs``: (rows,) about how many bytes they cost.
     """
+
+    gram: FloatArray
+    cross: FloatArray
+    square: FloatArray
+    seen: IntArray
+    costs: FloatArray
+
+
+def products_of(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> Products:
+    """Return what `fit_predictors` fits to, from walks with ``model`` and no references."""
     features, channels = model.weights.shape[1:]
     gram = np.zeros((model.rows, features, features))
     cross = np.zeros((model.rows, features, channels))
     square = np.zeros((model.rows, channels, channels))
     seen = np.zeros(model.rows, np.int64)
+    bits = np.zeros(model.rows)
     nothing = empty_memory(model.rows, channels)
 
-    def gathered(sample: Sample) -> tuple[FloatArray, FloatArray]:
-        return _gathered(sample, walked(sample, model, nothing, manner).state, model)
+    def gathered(sample: Sample) -> tuple[FloatArray, FloatArray, FloatArray]:
+        done = walked(sample, model, nothing, manner)
+        return *_gathered(sample, done.state, model), done.costs
 
-    for sample, (xs, ys) in zip(samples, abreast(gathered, samples), strict=True):
+    for sample, (xs, ys, costs) in zip(samples, abreast(gathered, samples), strict=True):
+        np.add.at(bits, sample.nodes.table[:, ROW], costs)
         for node in range(sample.nodes.count):
             if sample.nodes.table[node, KIND] == FOLLOWER:
                 continue
@@ -64,6 +74,23 @@ def fit_predictors(
             cross[row] += x.T @ y
             square[row] += y.T @ y
             seen[row] += len(x)
+    return Products(gram, cross, square, seen, bits / 8.0)
+
+
+def fit_predictors(
+    products: Products,
+    model: MotionModel,
+    manner: Manner,
+    keep_weights: bool = False,
+    without: Collection[str] = (),
+) -> MotionModel:
+    """Return the model with weights and bases fitted to closed-loop walks with the old one.
+
+    ``products``: of the old model; ``keep_weights``: only the bases are fitted; ``without``:
+    see `learning.learn`.
+    """
+    features, channels = model.weights.shape[1:]
+    gram, cross, square, seen = products.gram, products.cross, products.square, products.seen
     fold = fold_features(model.span) / float(1 << BASIS_BITS)
     cosine = cosine_basis(model.span)
     used = np.ones(features)

@@ -8,66 +8,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize
 
-from ..arithmetic.compiled import compiled
-from ..blocks.blockcoder import expect, settle
-from ..blocks.motionmodel import GROUPS, SIGNS, MotionModel
+from ..blocks.motionmodel import GROUPS, MotionModel
 from ..blocks.nodes import FOLLOWER, KIND, ROW
-from ..blocks.recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
+from ..blocks.recall import Memory
 from ..clip import FloatArray, IntArray
 from .abreast import abreast
 from .samples import Manner, Sample, walked
 
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 MOST_SAMPLES = 6000  # blocks of a row that the fit looks at
-
-
-@compiled
-def _gather_signs(
-    state: IntArray,
-    table: IntArray,
-    top: int,
-    path: int,
-    span: int,
-    lags: IntArray,
-    up: int,
-    weights: IntArray,
-    basis: IntArray,
-    base: IntArray,
-    senses: IntArray,
-    keys: KeyArray,
-    follows: FollowArray,
-    own_keys: KeyArray,
-    own_follows: FollowArray,
-    quantised: IntArray,
-    step: int,
-    found: IntArray,
-) -> None:
-    blocks, nodes, channels = quantised.shape
-    signals = np.zeros((nodes, span, 3), np.int64)
-    activity = np.zeros((3, nodes), np.int64)
-    prediction = np.empty(channels, np.int64)
-    classes = np.empty(channels, np.int64)
-    own = 0
-    for block in range(blocks):
-        start = 1 + block * span
-        for node in range(nodes):
-            if table[node, KIND] == FOLLOWER:
-                continue
-            expect(
-                state, table, node, start, span, lags, up, weights, base, senses, keys, follows,
-                own_keys, own_follows, own, signals, activity, top, path, step, 0,
-                prediction, classes, found[node, block],
-            )  # fmt: skip
-            settle(
-                state, table, node, start, span, basis, prediction, quantised[block, node],
-                step, 0, signals, activity,
-            )  # fmt: skip
-        activity[2] = activity[1]
-        activity[1] = activity[0]
-        own = remember_next(
-            state, start + span, table, span, lags, up, weights, own_stride(span),
-            own_keys, own_follows, own,
-        )  # fmt: skip
 
 
 def fit_all_sizes(
@@ -84,15 +33,17 @@ def fit_all_sizes(
     signs: list[list[IntArray]] = [[] for _ in range(model.rows)]
     sizes: list[list[IntArray]] = [[] for _ in range(model.rows)]
 
-    def gathered(both: tuple[Sample, Memory]) -> tuple[IntArray, IntArray]:
-        return _gathered(*both, model, manner)
+    def seen_by(both: tuple[Sample, Memory]) -> tuple[IntArray, IntArray]:
+        sample, memory = both
+        done = walked(sample, model, memory, manner)
+        return done.signs, done.quantised
 
-    walks = abreast(gathered, zip(samples, memories, strict=True))
+    walks = abreast(seen_by, zip(samples, memories, strict=True))
     for sample, (found, quantised) in zip(samples, walks, strict=True):
         for node in range(sample.nodes.count):
             if sample.nodes.table[node, KIND] != FOLLOWER:
                 row = int(sample.nodes.table[node, ROW])
-                signs[row].append(found[node])
+                signs[row].append(found[:, node])
                 sizes[row].append(quantised[:, node])
     base, senses = model.base.copy(), model.senses.copy()
     rows = [row for row in range(model.rows) if sum(map(len, signs[row])) >= LEAST_BLOCKS]
@@ -112,37 +63,6 @@ def fit_all_sizes(
         base[row] = np.rint(found_base * 256)
         senses[row] = np.rint(found_senses * 256)
     return replace(model, base=base, senses=senses)
-
-
-def _gathered(
-    sample: Sample, memory: Memory, model: MotionModel, manner: Manner
-) -> tuple[IntArray, IntArray]:
-    """Return (signs, quantised sizes) of a walk: (nodes, blocks, …) and (blocks, nodes, …)."""
-    done = walked(sample, model, memory, manner)
-    state, quantised = done.state, done.quantised
-    found = np.zeros((sample.nodes.count, len(quantised), SIGNS), np.int64)
-    own = own_memory(len(sample.goal), model.rows, model.span)
-    _gather_signs(
-        state,
-        sample.nodes.table,
-        sample.nodes.top,
-        sample.nodes.path,
-        model.span,
-        model.lags,
-        model.up,
-        model.weights,
-        model.basis,
-        model.base,
-        model.senses,
-        memory.keys,
-        memory.follows,
-        own.keys,
-        own.follows,
-        quantised,
-        manner.step,
-        found,
-    )
-    return found, quantised
 
 
 def fit_sizes(signs: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -23,6 +23,7 @@ CLASSES = 48
 ESCAPE_LIMIT = 60  # symbols beyond ±60 (after their class's shift) are escaped
 FIXED_POINT = 256  # activities are mean |difference| in 1/256
 LONGEST_NUMBER = 47  # bits
+WHOLE_BITS = 16  # of a number whose values are equally likely, coded at once
 STATE_MASK = (1 << 64) - 1  # of the range coder
 
 # Class c holds activities from CLASS_FLOORS[c]; each class is √2 wider than the last.
@@ -93,9 +94,9 @@ class SymbolWriter:
     def uniform(self, values: Iterable[int] | IntArray, size: int) -> None:
         """Write values that are each 0 … size - 1 (size up to 2^48), all equally likely."""
         array = np.asarray(values, np.int64)
-        if size > 1 << 16:
-            self.uniform(array >> 16, ((size - 1) >> 16) + 1)
-            array, size = array & 0xFFFF, 1 << 16
+        if size > 1 << WHOLE_BITS:
+            self.uniform(array >> WHOLE_BITS, ((size - 1) >> WHOLE_BITS) + 1)
+            array, size = array & ((1 << WHOLE_BITS) - 1), 1 << WHOLE_BITS
         if size > 1 and array.size:
             self._encoder.encode(array.astype(np.int32), _uniform_model(size))
 
@@ -136,8 +137,10 @@ class SymbolWriter:
             else:
                 encode(ESCAPE, models[index])
                 self.number(2 * (abs(high) - SYMBOL_LIMIT - 1) + (high < 0))
-            if shift:
+            if shift > WHOLE_BITS:
                 self.uniform([value & ((1 << shift) - 1)], 1 << shift)
+            elif shift:
+                encode(value & ((1 << shift) - 1), _uniform_model(1 << shift))
 
     def to_bytes(self) -> bytes:
         """Return the stream in the fewest bytes that mean it.
@@ -198,15 +201,15 @@ class SymbolReader:
         # the last of many values may be more likely than the others, but costs 8 bits at least
         self._charge(count * min(log2(size), 8.0))
         values = self._uniform(count, size)
-        if size > 1 << 16 and count and values.max() >= size:
+        if size > 1 << WHOLE_BITS and count and values.max() >= size:
             raise DamagedError(f"the coded stream names number {values.max()} of {size}")
         return values
 
     def _uniform(self, count: int, size: int) -> IntArray:
         high = np.zeros(count, np.int64)
-        if size > 1 << 16:
-            high = self._uniform(count, ((size - 1) >> 16) + 1) << 16
-            size = 1 << 16
+        if size > 1 << WHOLE_BITS:
+            high = self._uniform(count, ((size - 1) >> WHOLE_BITS) + 1) << WHOLE_BITS
+            size = 1 << WHOLE_BITS
         if size > 1 and count:
             high += self._decode(_uniform_model(size), count)
         return high
@@ -244,8 +247,10 @@ class SymbolReader:
                     size = (code >> 1) + SYMBOL_LIMIT + 1
                     high = -size if code & 1 else size
                 shift = shifts[index]
-                if shift:
+                if shift > WHOLE_BITS:
                     high = (high << shift) + int(self._uniform(1, 1 << shift)[0])
+                elif shift:
+                    high = (high << shift) + decode(_uniform_model(1 << shift))
                 out.append(high)
             numbers = np.array(out, np.int64)
         # constriction's way to say "not made by this model"; an escape beyond 64 bits
