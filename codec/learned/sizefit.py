@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize
@@ -17,6 +18,7 @@ from .samples import Manner, Sample, walked
 
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 MOST_SAMPLES = 6000  # blocks of a row that the fit looks at
+ELIDED_BYTES = 1 << 18  # temporaries from this size on NumPy uses again
 
 
 def fit_all_sizes(
@@ -76,16 +78,33 @@ def fit_sizes(signs: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatAr
     centre = signs.mean(axis=0)
     x = signs - centre
     start = np.log(np.maximum(sizes.mean(axis=0), 0.003))
+    # in place, and in the order in which NumPy would lay out its temporaries, as sums depend on it
+    order: Literal["F", "C"] = "F" if sizes.nbytes >= ELIDED_BYTES else "C"
+    own = np.asarray(sizes, order=order)
+    mean, square, root, above, theta, less, more = (
+        np.empty(sizes.shape, order=order) for _ in range(7)
+    )
 
     def cost(values: FloatArray) -> tuple[float, FloatArray]:
         base, senses = values[:channels], values[channels:].reshape(GROUPS, -1)
-        level = np.clip(base + (x @ senses.T)[:, group], -4.85, 15.0)
-        mean = np.exp(level)
-        root = np.sqrt(1.0 + mean * mean)
-        theta = (root - 1.0) / mean
-        bits = np.log((1.0 + theta) / (1.0 - theta)) - sizes * np.log(theta)
-        slope = (mean * mean / root - (root - 1.0)) / (mean * mean)
-        step = (1.0 / (1.0 - theta) + 1.0 / (1.0 + theta) - sizes / theta) * slope * mean
+        np.add(base, (x @ senses.T)[:, group], out=mean)
+        np.exp(np.clip(mean, -4.85, 15.0, out=mean), out=mean)
+        np.multiply(mean, mean, out=square)
+        np.sqrt(np.add(square, 1.0, out=root), out=root)
+        np.subtract(root, 1.0, out=above)
+        np.divide(above, mean, out=theta)
+        np.subtract(1.0, theta, out=less)
+        np.add(1.0, theta, out=more)
+        slope = np.divide(square, root, out=root)  # of theta over the mean: (m² / r - (r - 1)) / m²
+        slope -= above
+        slope /= square
+        bits = np.log(np.divide(more, less, out=square), out=square)
+        bits -= np.multiply(own, np.log(theta, out=above), out=above)
+        step = np.divide(1.0, less, out=less)  # of bits over the mean's logarithm
+        step += np.divide(1.0, more, out=more)
+        step -= np.divide(own, theta, out=theta)
+        step *= slope
+        step *= mean
         by_group = np.stack([step[:, group == g].sum(axis=1) for g in range(GROUPS)], axis=1)
         gradient = np.concatenate([step.sum(axis=0), (by_group.T @ x).ravel()]) / blocks
         penalty = 1e-3 * np.square(senses).sum()
