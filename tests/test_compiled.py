@@ -7,6 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+from numba.core import config
+from numba.core.errors import NumbaError
+
+from motifold.codec.arithmetic.compiled import lean
+
 CODEC = Path(__file__).resolve().parents[1] / "codec"
 ASK = """
 import sys
@@ -38,3 +45,17 @@ def test_a_change_in_any_room_compiles_anew(tmp_path: Path) -> None:
         assert folder not in found
         assert Path(folder).is_dir()
         found.add(folder)
+
+
+@pytest.mark.skipif(config.DISABLE_JIT, reason="nothing is compiled")
+def test_a_lean_function_makes_no_arrays() -> None:
+    def last(array: np.ndarray) -> float:
+        part = array[1:]
+        return float(part[-1])
+
+    def copied(array: np.ndarray) -> float:
+        return float(array.copy()[-1])
+
+    assert lean(last)(np.arange(3.0)) == 2.0
+    with pytest.raises(NumbaError):
+        lean(copied)(np.arange(3.0))

@@ -65,7 +65,9 @@ def recalled(
     own_keys = np.concatenate([keys[others:], np.zeros((3, KEYS), np.int16)])
     whole = follows.astype(np.int32)
     own_follows = np.concatenate([whole[others:], np.full((3, whole.shape[1]), 7, np.int32)])
-    return recall(key, keys[:others], whole[:others], own_keys, own_follows, own, prediction)
+    return recall(
+        key.astype(np.int16), keys[:others], whole[:others], own_keys, own_follows, own, prediction
+    )
 
 
 def check(key: IntArray, keys: Keys, follows: IntArray, own: int = 0) -> None:

@@ -28,8 +28,6 @@ from ..arithmetic.scaling import FROM_ANGLES, FROM_TURNS, LENGTH_BITS, to_angles
 from ..clip import IntArray
 from .nodes import AXES, CARRIER, FOLLOWER, GUIDE, HINGE, KIND, LEVER, PLACE, SCALE
 
-KeyArray = npt.NDArray[np.int16]
-
 UNIT_BITS = LENGTH_BITS
 LEVER_BITS = 4
 LAGS = 4
@@ -218,7 +216,7 @@ def _follow(
 
 
 @lean
-def key_of(features: IntArray, span: int, out: KeyArray) -> None:
+def key_of(features: IntArray, span: int, out: npt.NDArray[np.int16]) -> None:
     """Write what retrieval compares, (24,) in 1/64 cm, into ``out``."""
     guide = 15
     carrier = guide + 3 * span + 6
@@ -240,7 +238,8 @@ def key_of(features: IntArray, span: int, out: KeyArray) -> None:
 @lean
 def _weighed(length: int, which: int) -> int:
     """Return a length as one of the kinds of numbers that retrieval compares."""
-    return min(max((length * _KEY_WEIGHTS[which]) >> KEY_SHIFT, -32767), 32767)
+    key: int = min(max((length * _KEY_WEIGHTS[which]) >> KEY_SHIFT, -32767), 32767)
+    return key
 
 
 @lean

@@ -22,13 +22,14 @@ import numpy.typing as npt
 from ..arithmetic.compiled import compiled, lean
 from ..arithmetic.fixedpoint import rotated
 from ..clip import IntArray
-from .blockcontext import KEYS, KeyArray, back, describe, key_of, moved_in_lengths, turn_at
+from .blockcontext import KEYS, back, describe, key_of, moved_in_lengths, turn_at
 from .nodes import AXES, FOLLOWER, KIND, PLACE, ROW
 
 NEIGHBOURS = 8
 STRIDE = 2  # frames between remembered moments of references
 FAR = 32767  # keys of a row that a reference clip does not have
 
+KeyArray = npt.NDArray[np.int16]
 FollowArray = npt.NDArray[np.int32]
 
 
@@ -120,11 +121,21 @@ def signals_at(
 def predict(features: IntArray, weights: IntArray, out: IntArray) -> None:
     """Write the linear prediction of a block into ``out`` (channels,)."""
     out[:] = 1 << 15
-    for f in range(len(features)):
-        value = features[f]
-        if value != 0:
-            for c in range(len(out)):
-                out[c] += value * weights[f, c]
+    fours = len(features) // 4 * 4
+    for f in range(0, fours, 4):  # four at a time: sums are loaded and stored less often
+        first, second, third, fourth = (
+            features[f],
+            features[f + 1],
+            features[f + 2],
+            features[f + 3],
+        )
+        for c in range(len(out)):
+            now = first * weights[f, c] + second * weights[f + 1, c]
+            now += third * weights[f + 2, c] + fourth * weights[f + 3, c]
+            out[c] += now
+    for f in range(fours, len(features)):
+        for c in range(len(out)):
+            out[c] += features[f] * weights[f, c]
     for c in range(len(out)):
         out[c] >>= 16
 
@@ -172,7 +183,7 @@ def remember_next(
 
 @compiled
 def recall(
-    key: IntArray,
+    key: KeyArray,
     keys: KeyArray,
     follows: FollowArray,
     own_keys: KeyArray,
@@ -212,13 +223,12 @@ def _blend(near: IntArray, followed: IntArray, prediction: IntArray) -> int:
     ``followed``: (neighbours, channels). In ``near`` their weights are left.
     """
     count, channels = followed.shape
-    total = 0
+    total, spread = 0, 0
     first = near[0] + 1
     for n in range(count):
         part = 2048 * first // (near[n] + first)
         near[n] = part * part
-        total += near[n]
-    spread = 0
+        total += part * part
     for c in range(channels):
         mean = 0
         for n in range(count):
@@ -229,19 +239,20 @@ def _blend(near: IntArray, followed: IntArray, prediction: IntArray) -> int:
             deviation += near[n] * abs(followed[n, c] - mean)
         spread += deviation // total
         prediction[c] += mean
-    return spread // channels
+    mean_deviation: int = spread // channels
+    return mean_deviation
 
 
 @lean
 def _nearest(
-    key: IntArray, keys: KeyArray, count: int, first: int, near: IntArray, which: IntArray
+    key: KeyArray, keys: KeyArray, count: int, first: int, near: IntArray, which: IntArray
 ) -> None:
     """Sort moments into the nearest so far: squared distances, and numbers from ``first`` on."""
     worst = near[NEIGHBOURS - 1]
     for m in range(count):
         distance = 0
         for k in range(len(key)):  # of a length not known while compiling: it becomes SIMD
-            difference = keys[m, k] - key[k]
+            difference = int(keys[m, k]) - int(key[k])
             distance += difference * difference
         if distance >= worst:
             continue
