@@ -55,6 +55,7 @@ def test_coefficients_are_the_nearest_without_thrift(span: int, seed: int, size:
     quantised = np.zeros(model.channels, np.int64)
     ones, more = class_costs()[1:]
     kinds = np.zeros(model.channels, np.int64)
-    choose(left, model.basis[0], model.analysis[0], size, kinds, ones, more, 0.0, quantised)
+    rest = np.zeros(model.channels)
+    choose(left, rest, model.basis[0], model.analysis[0], size, kinds, ones, more, 0.0, quantised)
     exact = left @ model.analysis[0].T / 2.0**14 / (size / 2.0**4)
     assert np.abs(quantised - exact).max() <= 0.5 + 1e-6 * np.abs(exact).max()

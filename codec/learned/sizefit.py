@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize
@@ -18,7 +17,6 @@ from .samples import Manner, Sample, walked
 
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 MOST_SAMPLES = 6000  # blocks of a row that the fit looks at
-ELIDED_BYTES = 1 << 18  # temporaries from this size on NumPy uses again
 
 
 def fit_all_sizes(
@@ -78,12 +76,8 @@ def fit_sizes(signs: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatAr
     centre = signs.mean(axis=0)
     x = signs - centre
     start = np.log(np.maximum(sizes.mean(axis=0), 0.003))
-    # in place, and in the order in which NumPy would lay out its temporaries, as sums depend on it
-    order: Literal["F", "C"] = "F" if sizes.nbytes >= ELIDED_BYTES else "C"
-    own = np.asarray(sizes, order=order)
-    mean, square, root, above, theta, less, more = (
-        np.empty(sizes.shape, order=order) for _ in range(7)
-    )
+    # in place: making arrays anew takes longer than filling them
+    mean, square, root, above, theta, less, more = (np.empty(sizes.shape) for _ in range(7))
 
     def cost(values: FloatArray) -> tuple[float, FloatArray]:
         base, senses = values[:channels], values[channels:].reshape(GROUPS, -1)
@@ -99,10 +93,10 @@ def fit_sizes(signs: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatAr
         slope -= above
         slope /= square
         bits = np.log(np.divide(more, less, out=square), out=square)
-        bits -= np.multiply(own, np.log(theta, out=above), out=above)
+        bits -= np.multiply(sizes, np.log(theta, out=above), out=above)
         step = np.divide(1.0, less, out=less)  # of bits over the mean's logarithm
         step += np.divide(1.0, more, out=more)
-        step -= np.divide(own, theta, out=theta)
+        step -= np.divide(sizes, theta, out=theta)
         step *= slope
         step *= mean
         by_group = np.stack([step[:, group == g].sum(axis=1) for g in range(GROUPS)], axis=1)
