@@ -26,7 +26,6 @@ from tables import print_table
 
 from motifold.codec.blocks import blockwalk, runstream
 from motifold.codec.blocks.recall import Memory, empty_memory
-from motifold.codec.learned import sizefit
 from motifold.workflows.quantities import parse_length
 
 VARIANTS: dict[str, Mapping[str, Any]] = {
@@ -107,7 +106,6 @@ def forgetful() -> Iterator[None]:
     with (
         patch.object(blockwalk, "own_memory", nothing),
         patch.object(runstream, "own_memory", nothing),
-        patch.object(sizefit, "own_memory", nothing),
     ):
         yield
 
