@@ -12,6 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from motifold.codec.blocks.leads import Lead
 from motifold.codec.clip import Clip, FloatArray, Layout, MarkerClip, Skeleton, SkeletonClip
 from motifold.codec.figure.bodyparts import BodyPart
 from motifold.codec.figure.rig import Family, Rig, bends_of, bone_means, found_family, rig_of
@@ -265,3 +266,16 @@ def bench_of(recipe: Recipe | Marks, patterns: bool) -> Bench:
     return marker_bench(
         recipe.seed, recipe.markers, recipe.frames, recipe.gaps, recipe.motion, patterns
     )
+
+
+def leads_among(seed: int, references: int, frames: int) -> tuple[Lead, ...]:
+    """Return leads that need not make sense, for a clip whose references are as long."""
+    rng = np.random.default_rng(seed)
+    count = min(2 * int(rng.integers(1, 4)), 2 * ((frames + 1) // 2))
+    borders = np.sort(rng.choice(frames + 1, count, replace=False))
+    leads = []
+    for first, stop in zip(borders[::2].tolist(), borders[1::2].tolist(), strict=False):
+        reference, start, stride = rng.integers((0, 0, 1), (references, frames, 4)).tolist()
+        move = tuple(rng.integers(-(10**6), 10**6, 6).tolist()) if rng.integers(2) else None
+        leads.append(Lead(reference, first, stop - first, start, stride, move))
+    return tuple(leads)

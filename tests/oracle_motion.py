@@ -1,4 +1,4 @@
-"""A decoder of index files of versions 2 and 3, from docs/format.md alone: archives, heads.
+"""A decoder of index files of versions 2 to 4, from docs/format.md alone: archives, heads.
 
 Follows the sections from "Folder" on; `oracle_run` decodes the runs. Written to be checked against
 the text by eye, and slow. Shares no code with ``motifold``.
@@ -19,7 +19,7 @@ import zarr
 from oracle_blocks import Moments, States, Viewer, joined
 from oracle_model import Model, fixed_model, read_model
 from oracle_nodes import Figure, Record, figure_of_markers, figure_of_skeleton
-from oracle_run import Pose, RunReader, usual_pose
+from oracle_run import Lead, Pose, RunReader, Track, usual_pose
 from oracle_stream import SymbolReader
 
 RUN = 1024
@@ -38,6 +38,7 @@ class Header(NamedTuple):
     certificate: tuple[float, float, float]
     cores: list[bytes]
     rests: list[list[bytes]]
+    led: bool
 
 
 @dataclass
@@ -49,6 +50,7 @@ class Head:
     sliding: list[int] = field(default_factory=list)
     gaps: list[list[int]] = field(default_factory=list)
     fineness: list[int] = field(default_factory=list)
+    leads: list[Lead] = field(default_factory=list)
 
 
 class Decoded(NamedTuple):
@@ -61,7 +63,8 @@ class Decoded(NamedTuple):
 def read_header(data: bytes) -> Header:
     version = data[2]
     assert data[:2] == b"MF"
-    assert version in (2, 3)
+    assert version in (2, 3, 4)
+    apart = version > 2
     at = 7
 
     def varint() -> int:
@@ -77,35 +80,35 @@ def read_header(data: bytes) -> Header:
 
     rig, generation, frames, step_code = (varint() for _ in range(4))
     runs = -(-frames // RUN)
-    streams = varint() if version == 3 else 1
-    assert streams >= version - 1
+    streams = varint() if apart else 1
+    assert streams >= (2 if version == 3 else 1)
     core_lengths = [varint() for _ in range(max(runs, 1))]
     rest_lengths = [varint() for _ in range(runs * streams - 1)]
     largest_code = int.from_bytes(data[at : at + 2], "little")
     largest = 2.0 ** (largest_code / 1024 - 40) if largest_code else 0.0
     shares = [0.0 if code == 255 else largest * 2 ** (-code / 16) for code in data[at + 2 : at + 4]]
     at += 4
-    border = at + (core_lengths[0] if version == 3 else sum(core_lengths))
+    border = at + (core_lengths[0] if apart else sum(core_lengths))
     pieces = []
     for length in core_lengths + rest_lengths:
         pieces.append(data[at : at + length])
         at += length
     if runs:
         pieces.append(data[at:])
-    if version == 3:
+    if apart:
         pieces[1:] = [opened(piece) for piece in pieces[1:]]
     assert crc_hqx(b"123456789", 0) == 0x31C3
-    begun = 3 if version == 3 else 0
+    begun = version if apart else 0
     assert crc_hqx(data[7:border], begun) == int.from_bytes(data[3:5], "little")
     assert crc_hqx(data[border:], begun) == int.from_bytes(data[5:7], "little")
     certificate = (largest, shares[0], shares[1])
     cores, rest = pieces[: len(core_lengths)], pieces[len(core_lengths) :]
     rests = [rest[at : at + streams] for at in range(0, len(rest), streams)]
-    return Header(rig, generation, frames, step_code, certificate, cores, rests)
+    return Header(rig, generation, frames, step_code, certificate, cores, rests, version == 4)
 
 
 def opened(piece: bytes) -> bytes:
-    """Return a stream of version 3 without its check byte."""
+    """Return a stream of versions 3 and 4 without its check byte."""
     if piece:
         assert crc_8(piece[1:]) == piece[0]
     return piece[1:]
@@ -141,9 +144,28 @@ def read_references(reader: SymbolReader) -> list[int]:
     return found
 
 
-def read_head(reader: SymbolReader, rig: Record, model: Model) -> Head:
+def read_leads(reader: SymbolReader, references: int) -> list[Lead]:
+    found: list[Lead] = []
+    stop = 0
+    for _ in range(reader.number()):
+        reference = reader.uniform(references)
+        first = stop + reader.number()
+        stop = first + reader.number() + 1
+        start, stride = reader.number(), reader.number() + 1
+        move = []
+        if reader.uniform(2):
+            coded = [reader.number() for _ in range(6)]
+            move = [-(each + 1) // 2 if each % 2 else each // 2 for each in coded]
+        found.append(Lead(reference, first, stop, start, stride, move))
+    assert found
+    return found
+
+
+def read_head(reader: SymbolReader, rig: Record, model: Model, led: bool) -> Head:
     """Read a head up to the sizes of nodes, for which the nodes must be known."""
     head = Head(read_references(reader))
+    if led:
+        head.leads = read_leads(reader, len(head.references))
     joints = range(len(rig["names"]))
     if rig["kind"] == "skeleton":
         head.still = {j for j in joints if (j in model.still) != bool(reader.sized(8))}
@@ -235,7 +257,7 @@ def decode_file(
 ) -> Decoded:
     """Decode an index file; ``find``: returns the decoded clip of a number."""
     reader = SymbolReader(header.cores[0])
-    head = read_head(reader, rig, model)
+    head = read_head(reader, rig, model, header.led)
     if rig["kind"] == "markers":
         figure = figure_of_markers(rig, family)
     else:
@@ -250,6 +272,11 @@ def decode_file(
             viewer = Viewer(reference.figure, model, states)
             offered.append(viewer.moments(range(1, len(states) - model.span + 1, 2)))
     moments = joined(offered) if offered else None
+    leaders = [find(number) for number in head.references]
+    tracks = [
+        Track([state for states in each.runs for state in states], each.figure.nodes)
+        for each in leaders
+    ]
 
     runs = []
     for at in range(0, header.frames, RUN):
@@ -257,6 +284,7 @@ def decode_file(
         rests = [SymbolReader(stream) for stream in header.rests[at // RUN]]
         run = RunReader(figure, model, step_of(header.step_code), head.fineness, poses)
         run.streams = streams_of(figure, rig, len(rests))
+        run.follow([(lead, tracks[lead.reference]) for lead in head.leads], at)
         runs.append(run.read(core, rests, min(header.frames - at, RUN), moments))
     return Decoded(header, head, figure, runs)
 

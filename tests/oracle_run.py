@@ -1,12 +1,12 @@
-"""Runs of index files of versions 2 and 3, from docs/format.md alone: first frames and blocks.
+"""Runs of index files of versions 2 to 4, from docs/format.md alone: first frames and blocks.
 
-Follows "Core and rest streams", "First frame" and "One node of one block". Shares no code with
-``motifold``.
+Follows "Core and rest streams", "First frame", "One node of one block" and "Index file, version
+4". Shares no code with ``motifold``.
 """
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from oracle_blocks import Moments, Signals, States, Viewer, joined, recall
@@ -31,6 +31,24 @@ from oracle_turns import (
 )
 
 Pose: TypeAlias = list[Four]  # by row
+
+
+class Lead(NamedTuple):
+    reference: int
+    first: int
+    stop: int
+    start: int
+    stride: int
+    move: list[int]  # six numbers, or none
+
+
+class Track(NamedTuple):
+    """All states of a reference, and its nodes."""
+
+    states: States
+    nodes: list[Node]
+
+
 NOWHERE: Four = (0, 0, 0, 0)
 
 
@@ -67,6 +85,50 @@ class RunReader:
         self.activities: list[list[int]] = [[0] * len(self.nodes)] * 2  # newest block first
         self.moments: list[Moments] = []
         self.streams = [0] * len(self.nodes)  # of the rest, by node
+        self.leads: list[tuple[Lead, Track]] = []
+        self.low = self.frames = 0
+        self.leader: States = []  # of this block: the frame before it, and its frames
+
+    def follow(self, leads: list[tuple[Lead, Track]], low: int) -> None:
+        """Take the clip's leads; ``low``: the run's first frame in the clip."""
+        self.leads, self.low = leads, low
+
+    def led_by(self, before: int, stop: int) -> tuple[Lead, Track] | None:
+        """Return the lead that has the frames of the run from ``before`` up to ``stop``."""
+        for lead, track in self.leads:
+            if lead.first <= self.low + before and self.low + stop <= lead.stop:
+                return lead, track
+        return None
+
+    def seen(self, lead: Lead, track: Track, t: int) -> list[Four]:
+        """Return what the reference does at a frame of the run, in the clip's nodes."""
+        own = self.low + min(t, self.frames - 1)
+        at = min(lead.start + lead.stride * (own - lead.first), len(track.states) - 1)
+        known = {node.row: track.states[at][k] for k, node in enumerate(track.nodes)}
+        found = [known.get(node.row, NOWHERE) for node in self.nodes]
+        if lead.move:
+            found = [self.moved(k, values, lead.move) for k, values in enumerate(found)]
+        against = [
+            node.guide if node.kind == "hinge" else node.axes if node.is_place else None
+            for node in self.nodes
+        ]
+        there = [
+            node.row in known and (other is None or self.nodes[other].row in known)
+            for node, other in zip(self.nodes, against, strict=True)
+        ]
+        self.there = there
+        return found
+
+    def moved(self, k: int, values: Four, move: list[int]) -> Four:
+        """Return what a node does in a figure that is moved as a whole."""
+        x, y, z, *shift = move
+        turn = turn_of((x << 8, y << 8, z << 8))
+        if not self.nodes[k].is_place:
+            return unit(product(turn, values))
+        if k != self.figure.path and not all(node.is_place for node in self.nodes):
+            return values
+        place = rotated(turn, values[:3])
+        return added((*place, 0), (shift[0] << 10, shift[1] << 10, shift[2] << 10))
 
     def read(
         self, core: SymbolReader, rests: list[SymbolReader], frames: int, offered: Moments | None
@@ -74,6 +136,7 @@ class RunReader:
         """Decode; ``offered``: the moments of the references."""
         span = self.model.span
         self.moments = [offered] if offered else []
+        self.frames = frames
         self.read_first(core)
         if len(self.poses) > 2:
             self.skip_motifs(core, frames)
@@ -102,13 +165,22 @@ class RunReader:
         assert refinement <= 24
         state: list[Four] = []
         self.states.append(state)
+        pose = self.poses[number]
+        led = self.led_by(0, 1)
+        if led:
+            pose = [NOWHERE] * len(pose)
+            for node, values in zip(self.nodes, self.seen(*led, 0), strict=True):
+                pose[node.row] = values
+            for node, there in zip(self.nodes, self.there, strict=True):
+                if not there:
+                    pose[node.row] = NOWHERE
         for node, fine in zip(self.nodes, self.fineness, strict=True):
             f = refinement + fine + (12 if node.kind == "follower" else 0)
             step = refined(self.step, f)
             starts = self.model.rows[node.row].starts[0 if number == 0 else 1]
-            d = [core.sized(class_of(start - log(step) + 6144)) for start in starts]
+            d = [core.sized(8 if led else class_of(start - log(step) + 6144)) for start in starts]
             x = ((d[0] * step) >> 4, (d[1] * step) >> 4, (d[2] * step) >> 4)
-            expected = self.expected(node, self.poses[number], state)
+            expected = self.expected(node, pose, state)
             if node.is_place:
                 state.append(added(expected, over_lever(x, node.lever)))
             else:
@@ -134,6 +206,11 @@ class RunReader:
     ) -> None:
         span = self.model.span
         signals: Signals = {}
+        self.leader = []
+        led = self.led_by(before, min(before + span + 1, self.frames))
+        if led:
+            self.leader = [self.seen(*led, before + i) for i in range(span + 1)]
+            self.leader[0] = self.states[before]
         active = [0] * len(self.nodes)
         self.activities.insert(0, active)
         self.states += [[] for _ in range(span)]
@@ -177,8 +254,6 @@ class RunReader:
         def steps(v: int) -> int:
             return log(((v << 8) // step) + 3)
 
-        features = self.viewer.features(k, before, signals)
-        prediction = self.viewer.prediction(k, features)
         signs = [last[k] + 64 * f, before_last[k] + 64 * f, *[0] * 8]
         if node.guide is not None:
             signs[2] = active[node.guide] + 64 * f
@@ -186,14 +261,22 @@ class RunReader:
             assert self.figure.top is not None
             assert self.figure.path is not None
             signs[3] = ((active[self.figure.top] + active[self.figure.path]) >> 1) + 64 * f
-        signs[4] = steps(sum(map(abs, features[:12])) // 12)
-        if self.moments and self.moments[0].keys.shape[1]:
-            keys, followed = self.moments[0].keys[node.row], self.moments[0].followed[node.row]
-            found = recall(keys, followed, self.viewer.key(features))
-            prediction = [v + mean for v, mean in zip(prediction, found.mean, strict=True)]
-            signs[6:9] = (steps(found.spread), steps(found.nearest << 14), steps(found.last << 14))
-            signs[9] = 256
-        signs[5] = steps(sum(map(abs, prediction)) // (3 * span))
+        if self.leader and self.there[k]:
+            viewer = Viewer(self.figure, self.model, self.leader)
+            prediction = [v for i in range(span) for v in viewer.own(k, 0, 1 + i)]
+            signs[4:10] = [*[log(3)] * 5, 256]
+        else:
+            features = self.viewer.features(k, before, signals)
+            prediction = self.viewer.prediction(k, features)
+            signs[4] = steps(sum(map(abs, features[:12])) // 12)
+            if self.moments and self.moments[0].keys.shape[1]:
+                keys, followed = self.moments[0].keys[node.row], self.moments[0].followed[node.row]
+                found = recall(keys, followed, self.viewer.key(features))
+                prediction = [v + mean for v, mean in zip(prediction, found.mean, strict=True)]
+                near, last_near = found.nearest << 14, found.last << 14
+                signs[6:9] = (steps(found.spread), steps(near), steps(last_near))
+                signs[9] = 256
+            signs[5] = steps(sum(map(abs, prediction)) // (3 * span))
 
         levels = [sum(s * v for s, v in zip(sense, signs, strict=True)) for sense in row.senses]
         d = [

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from clips import MARKS, Marks, Recipe, bench_of, recipes
+from clips import MARKS, Marks, Recipe, bench_of, leads_among, recipes
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from oracle_model import Model, fixed_model, read_model
@@ -24,6 +24,7 @@ from oracle_motion import Decoded, Header, OracleArchive, decode_file, read_head
 from oracle_stream import SymbolReader, counted, signed
 
 from motifold.codec.blocks import motionmodel
+from motifold.codec.blocks.leads import Lead
 from motifold.codec.blocks.motionmodel import MotionModel, usual_span
 from motifold.codec.blocks.offered import Reference, reference_of
 from motifold.codec.geometry.limits import uniform_limits
@@ -39,12 +40,11 @@ from motifold.pipeline.indexreader import read_index
 from motifold.pipeline.layout import index_path
 
 FIXTURES = Path(__file__).parent / "fixtures"
-VERSIONS = 2, 3
-CLIPS = 23  # of both jobs, replaced ones too
+CLIPS = {2: 23, 3: 23, 4: 34}  # by version, of both jobs, replaced ones too
 FAR = 70_000  # number of a clip that takes more than 16 bits
 
 
-@pytest.fixture(scope="module", params=VERSIONS)
+@pytest.fixture(scope="module", params=CLIPS)
 def version(request: pytest.FixtureRequest) -> int:
     return int(request.param)
 
@@ -70,6 +70,7 @@ def assert_header(header: Header, file: MotionFile) -> None:
         (certificate.maximum, certificate.mean, certificate.percentile_99),
         list(file.cores),
         [list(file.rests_of(run) or ()) for run in range(-(-file.frames // 1024))],
+        file.led,
     )
 
 
@@ -91,27 +92,33 @@ def assert_same(found: Decoded, wanted: motiondecode.Decoded) -> None:
         assert len(differ) == 0, f"run {run}, first at frame, node {differ[0]}"
 
 
-@pytest.mark.parametrize("number", range(CLIPS))
+@pytest.mark.parametrize("share", range(8))
 def test_the_frozen_clips_decode_from_the_text(
-    number: int, frozen: OracleArchive, archive: Archive
+    share: int, frozen: OracleArchive, archive: Archive
 ) -> None:
-    found, row = frozen.clip(number), archive.numbered[number]
-    file = read_index(index_path(frozen.folder, row.index))
-    assert isinstance(file, MotionFile)
-    assert_header(found.header, file)
-    assert (frozen.names[number], found.header.frames) == (row.name, row.frames)
-    assert_same(found, archive.shelf.states(file, archive.rig(row.rig)))
+    for number in range(share, len(archive.numbered), 8):
+        found, row = frozen.clip(number), archive.numbered[number]
+        file = read_index(index_path(frozen.folder, row.index))
+        assert isinstance(file, MotionFile)
+        assert_header(found.header, file)
+        assert (frozen.names[number], found.header.frames) == (row.name, row.frames)
+        assert_same(found, archive.shelf.states(file, archive.rig(row.rig)))
 
 
 def test_the_frozen_archive_has_all_kinds(
     frozen: OracleArchive, archive: Archive, version: int
 ) -> None:
-    assert len(archive.numbered) == len(frozen.indexes) == CLIPS
-    clips = [frozen.clip(number) for number in range(CLIPS)]
+    assert len(archive.numbered) == len(frozen.indexes) == CLIPS[version]
+    clips = [frozen.clip(number) for number in range(CLIPS[version])]
     nodes = [node for clip in clips for node in clip.figure.nodes]
     several = [len(rest) > 1 for clip in clips for rest in clip.header.rests]
-    assert all(several) if version == 3 else not any(several)
-    assert {clip.header.generation for clip in clips} == {0, 1}
+    assert {2: {False}, 3: {True}, 4: {False, True}}[version] == set(several)
+    leads = [lead for clip in clips for lead in clip.head.leads]
+    assert bool(leads) == any(clip.header.led for clip in clips) == (version == 4)
+    if version == 4:
+        assert {bool(lead.move) for lead in leads} == {False, True}
+        assert {lead.stride for lead in leads} == {1, 2}
+    assert {clip.header.generation for clip in clips} == ({0, 2} if version == 4 else {0, 1})
     assert max(len(clip.runs) for clip in clips) > 1
     assert any(frozen.clip(n).head.references for clip in clips for n in clip.head.references)
     assert any(number >= 9 for clip in clips for number in clip.head.references)  # of job 2
@@ -137,11 +144,16 @@ def model_of(rows: int, rate: float, seed: int, hinged: tuple[int, ...]) -> Moti
 
 
 def assert_decodes(
-    recipe: Recipe | Marks, tolerance: float, learned: bool, by_part: bool = False
+    recipe: Recipe | Marks,
+    tolerance: float,
+    learned: bool,
+    by_part: bool = False,
+    led: bool = False,
 ) -> set[str]:
     """Encode a clip, and again with itself as reference; return the kinds of its nodes.
 
-    With ``by_part`` all clips but the first are in streams per body part.
+    With ``by_part`` all clips but the first are in streams per body part; with ``led`` they
+    have leads.
     """
     subject = bench_of(recipe, False)
     rig, family = subject.rig, subject.codebook.family
@@ -158,10 +170,13 @@ def assert_decodes(
     offered: list[tuple[int, Reference]] = []
     for number in (FAR, FAR + 9, 0):  # a later clip refers to all that come before
         encoder = MotionEncoder(family, model, int(learned), by_part and number != FAR)
-        made = encoder.encode(subject.clip, rig, 12, limits, offered)
+        leads: tuple[Lead, ...] = ()
+        if led and offered and subject.clip.frames > 1:
+            leads = leads_among(recipe.seed, len(offered), subject.clip.frames)
+        made = encoder.encode_led(subject.clip, rig, 12, limits, offered, leads)
         file, header = unpack_motion(made.data), read_header(made.data)
         assert_header(header, file)
-        assert made.data[2] == 2 + (encoder.by_part and len(rig.parts) > 1)
+        assert made.data[2] == (4 if leads else 2 + (encoder.by_part and len(rig.parts) > 1))
         known[number] = decode_file(header, rig_record, family_record, same, known.__getitem__)
         references = [reference for _, reference in offered]
         assert_same(known[number], decode_states(file, rig, family, model, references))
@@ -169,24 +184,28 @@ def assert_decodes(
     return {node.kind for node in known[0].figure.nodes}
 
 
-@given(recipes(8, 40), st.sampled_from([0.01, 0.1, 1.0]), st.booleans(), st.booleans())
-@settings(max_examples=40, deadline=None)
-@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, False, False)
-@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, False, True)
-@example(Recipe(joints=6, frames=1, motion="teleport", hinges=1.0), 0.01, False, True)
-@example(Recipe(joints=4, frames=40, motion="spin", tree="chain", rate=240.0), 0.1, True, False)
+WAYS = st.tuples(st.booleans(), st.booleans(), st.booleans())  # learned, by part, led
+
+
+@given(recipes(8, 40), st.sampled_from([0.01, 0.1, 1.0]), WAYS)
+@settings(max_examples=50, deadline=None)
+@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, (False, False, False))
+@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, (False, True, False))
+@example(Recipe(joints=6, frames=1, motion="teleport", hinges=1.0), 0.01, (False, True, False))
+@example(Recipe(joints=4, motion="spin", tree="chain", rate=240.0), 0.1, (True, False, False))
+@example(Recipe(joints=8, frames=40, hinges=0.5, stretchy=0.3), 0.1, (True, True, True))
 def test_skeletons_decode_from_the_text(
-    recipe: Recipe, tolerance: float, learned: bool, by_part: bool
+    recipe: Recipe, tolerance: float, ways: tuple[bool, bool, bool]
 ) -> None:
-    assert_decodes(recipe, tolerance, learned, by_part)
+    assert_decodes(recipe, tolerance, *ways)
 
 
-@given(MARKS, st.sampled_from([0.01, 0.1]), st.booleans(), st.booleans())
-@settings(max_examples=20, deadline=None)
+@given(MARKS, st.sampled_from([0.01, 0.1]), WAYS)
+@settings(max_examples=25, deadline=None)
 def test_markers_decode_from_the_text(
-    marks: Marks, tolerance: float, learned: bool, by_part: bool
+    marks: Marks, tolerance: float, ways: tuple[bool, bool, bool]
 ) -> None:
-    assert_decodes(marks, tolerance, learned, by_part)
+    assert_decodes(marks, tolerance, *ways)
 
 
 def test_all_kinds_of_nodes_decode_from_the_text() -> None:
@@ -195,6 +214,7 @@ def test_all_kinds_of_nodes_decode_from_the_text() -> None:
     assert assert_decodes(recipe, 0.05, False) == kinds
     assert assert_decodes(recipe, 0.05, True) == kinds
     assert assert_decodes(recipe, 0.05, False, True) == kinds
+    assert assert_decodes(recipe, 0.05, True, True, True) == kinds
 
 
 @given(st.integers(0, 2**48 - 2), st.integers(1, 2**47), st.data())

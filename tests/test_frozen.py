@@ -24,6 +24,7 @@ INTEGERS = {
     "v1": "d21c6508b5c5fd86e9caadeb91704e09",
     "v2": "5e512b18d74636e75b6ec51b75c72144",
     "v3": "5e512b18d74636e75b6ec51b75c72144",  # the same motion in other streams
+    "v4": "ffae3138646c447500d08125aa877b76",
 }
 
 

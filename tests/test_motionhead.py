@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from clips import Recipe, marker_clip, random_parts, skeleton_clip
+from clips import Recipe, leads_among, marker_clip, random_parts, skeleton_clip
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -101,6 +102,31 @@ def test_heads_of_markers_come_back(
     assert head.seen is not None
     assert np.array_equal(head.seen, clip.seen)
     assert (head.still, head.sliding) == ((), ())
+
+
+@given(st.integers(0, 2**32 - 1), REFERENCES.filter(len), st.integers(1, 5000), st.booleans())
+def test_leads_come_back(
+    seed: int, references: tuple[int, ...], frames: int, skeleton: bool
+) -> None:
+    leads = leads_among(seed, len(references), frames)
+    rig = skeleton_rig(3) if skeleton else marker_rig(5)
+    seen = None if skeleton else marker_clip(seed, 5, frames, 0.1).seen
+    coded = written(Head(references, (), (), seen, (), leads), rig, (), ())
+    found = read_head(SymbolReader(coded), rig, frames, (), (), True)
+    assert (found.references, found.leads) == (references, leads)
+    assert read_references(coded) == references
+    with pytest.raises(DamagedError, match="lead"):  # not of this clip
+        read_head(SymbolReader(coded), rig, leads[-1].stop - 1, (), (), True)
+
+
+@given(st.binary(max_size=80), st.integers(0, 10**4))
+def test_leads_of_any_bytes_are_inside_the_clip_or_damage(data: bytes, frames: int) -> None:
+    with contextlib.suppress(DamagedError):
+        head = read_head(SymbolReader(data), skeleton_rig(1), frames, (), (), True)
+        assert head.leads
+        assert all(0 <= lead.first < lead.stop <= frames for lead in head.leads)
+        assert all(one.stop <= two.first for one, two in pairwise(head.leads))
+        assert all(lead.reference < len(head.references) for lead in head.leads)
 
 
 def test_masks_of_noise_come_back() -> None:

@@ -7,7 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from clips import MARKS, Bench, Marks, Recipe, bench, bench_of, random_parts, recipes, skeleton_clip
+from clips import (
+    MARKS,
+    Bench,
+    Marks,
+    Recipe,
+    bench,
+    bench_of,
+    leads_among,
+    random_parts,
+    recipes,
+    skeleton_clip,
+)
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -104,8 +115,13 @@ def shelved(
     by_part: Sequence[bool],
     tolerance: float = 0.1,
     vary: Callable[[Clip, int], Clip] = variant,
+    led: bool = False,
 ) -> Shelved:
-    """Return clips of one rig; ``by_part``: which of them have streams per body part."""
+    """Return clips of one rig.
+
+    ``by_part``: which of them have streams per body part; ``led``: whether all but the first
+    have leads.
+    """
     subject = bench_of(recipe, False)
     rig, family = subject.rig, subject.codebook.family
     rows, span = 2 * rig.skeleton.joints, usual_span(rig.frame_time)
@@ -115,7 +131,9 @@ def shelved(
     for number, parted in enumerate(by_part):
         clip = vary(subject.clip, recipe.seed + number) if number else subject.clip
         encoder = MotionEncoder(family, model, 0, parted)
-        made = encoder.encode(clip, rig, 12, uniform_limits(clip, tolerance), offered)
+        leads = leads_among(recipe.seed, number, clip.frames) if led and number else ()
+        limits = uniform_limits(clip, tolerance)
+        made = encoder.encode_led(clip, rig, 12, limits, offered, leads)
         files.append(made.data)
         offered.append((number, reference_of(made.states, made.nodes, model)))
     return Shelved(subject, model, tuple(files))
@@ -139,17 +157,25 @@ def some_names(subject: Bench, data: st.DataObject) -> list[str]:
 FLAGS = st.lists(st.booleans(), min_size=3, max_size=3)
 
 
-@given(st.one_of(recipes(12, 40), MARKS), FLAGS, st.booleans(), st.data())
-@settings(max_examples=60)
-@example(Recipe(3, joints=9, frames=0), [True] * 3, False, None)
-@example(Recipe(3, joints=9, frames=30, hinges=0.6, stretchy=0.6), [True] * 3, False, None)
+@given(st.one_of(recipes(12, 40), MARKS), FLAGS, st.booleans(), st.booleans(), st.data())
+@settings(max_examples=80)
+@example(Recipe(3, joints=9, frames=0), [True] * 3, False, False, None)
+@example(Recipe(3, joints=9, frames=30, hinges=0.6, stretchy=0.6), [True] * 3, False, False, None)
 @example(
-    Recipe(4, joints=12, frames=30, hinges=0.3, stretchy=1.0), [False, True, True], False, None
+    Recipe(4, joints=12, frames=30, hinges=0.3, stretchy=1.0),
+    [False, True, True],
+    False,
+    True,
+    None,
 )
 def test_some_parts_decode_to_the_same_bits(
-    recipe: Recipe | Marks, by_part: list[bool], preview: bool, data: st.DataObject | None
+    recipe: Recipe | Marks,
+    by_part: list[bool],
+    preview: bool,
+    led: bool,
+    data: st.DataObject | None,
 ) -> None:
-    made = shelved(recipe, by_part)
+    made = shelved(recipe, by_part, led=led)
     file = made.unpacked(2)
     choices = (
         [some_names(made.subject, data)] if data else [[p.name] for p in made.subject.rig.parts]

@@ -15,12 +15,12 @@ from ..arithmetic.compiled import compiled, lean
 from ..arithmetic.fixedpoint import between, log2_of, rotated
 from ..arithmetic.quaternionlog import vector_to
 from ..arithmetic.scaling import signal_of
-from ..clip import FloatArray, IntArray
+from ..clip import BoolArray, FloatArray, IntArray
 from ..streams.sizeclasses import class_of
 from .blockcontext import LEVER_BITS, back, describe, key_of, pose, turn_at
 from .motionmodel import GROUPS, SIGNS
 from .nodes import AXES, CARRIER, FINE, GUIDE, HINGE, KIND, LEVER, PLACE, ROW, SCALE
-from .recall import FollowArray, KeyArray, predict, recall
+from .recall import FollowArray, KeyArray, predict, recall, signals_at
 
 FINENESS = 64  # of a refinement, × 1/256 octave: a quarter octave
 MOST_FINE = 24  # refinements: 1/64 of the step
@@ -71,6 +71,9 @@ def expect(
     path: int,
     step: int,
     fine: int,
+    leads: IntArray,
+    has: BoolArray,
+    led: int,
     prediction: IntArray,
     classes: IntArray,
     signs: IntArray,
@@ -78,14 +81,12 @@ def expect(
     """Write a node's prediction (channels,), the class of each coefficient, and its signs.
 
     ``activity``: (3, nodes) of this block, the last one and the one before, as by
-    `activity_of`; ``step``: unrefined, 2^-24 cm; ``fine``: of the block.
+    `activity_of`; ``step``: unrefined, 2^-24 cm; ``fine``: of the block; ``leads`` and ``has``:
+    see `Leads`; ``led``: which of them the block follows, or -1.
     """
     row = table[node, ROW]
     fine += table[node, FINE]
     channels = len(prediction)
-    features = np.empty(weights.shape[1], np.int64)
-    describe(state, table, node, start, span, lags, up, signals, features)
-    predict(features, weights[row], prediction)
     size = fine_step(step, fine)
     shift = FINENESS * fine
     signs[:] = 0
@@ -95,24 +96,19 @@ def expect(
         signs[2] = activity[0, table[node, GUIDE]] + shift
     if table[node, CARRIER] >= 0 and node != top:
         signs[3] = ((activity[0, top] + activity[0, path]) >> 1) + shift
-    speed = 0
-    for f in range(12):
-        speed += abs(features[f])
-    signs[4] = _in_steps(speed // 12, size)
-    if keys.shape[1] + own > 0:
-        key = np.empty(keys.shape[2], np.int16)
-        key_of(features, span, key)
-        spread, nearest, last = recall(
-            key, keys[row], follows[row], own_keys[row], own_follows[row], own, prediction
-        )
-        signs[6] = _in_steps(spread, size)
-        signs[7] = _in_steps(nearest << 14, size)
-        signs[8] = _in_steps(last << 14, size)
+    if led >= 0 and has[led, node]:
+        followed = np.empty((span, 3), np.int64)
+        signals_at(leads[led], table, node, 1, span, followed)
+        for c in range(channels):
+            prediction[c] = followed[c // 3, c % 3]
+        for k in range(4, 9):
+            signs[k] = _in_steps(0, size)  # as sure as recall ever is, of something at rest
         signs[9] = 256
-    length = 0
-    for c in range(channels):
-        length += abs(prediction[c])
-    signs[5] = _in_steps(length // channels, size)
+    else:
+        _foresee(
+            state, table, node, start, span, lags, up, weights[row], keys[row], follows[row],
+            own_keys[row], own_follows[row], own, signals, size, prediction, signs,
+        )  # fmt: skip
     third = max(channels // GROUPS, 1)
     for group in range(GROUPS):
         level = 0
@@ -122,6 +118,51 @@ def expect(
         stop = channels if group == GROUPS - 1 else third * (group + 1)
         for c in range(third * group, stop):
             classes[c] = class_of(base[row, c] + level)
+
+
+@compiled
+def _foresee(
+    state: IntArray,
+    table: IntArray,
+    node: int,
+    start: int,
+    span: int,
+    lags: IntArray,
+    up: int,
+    weights: IntArray,
+    keys: KeyArray,
+    follows: FollowArray,
+    own_keys: KeyArray,
+    own_follows: FollowArray,
+    own: int,
+    signals: IntArray,
+    size: int,
+    prediction: IntArray,
+    signs: IntArray,
+) -> None:
+    """Write a node's prediction from what it did and what is recalled, and the signs of that.
+
+    ``weights``, ``keys``, … : those of the node's row; ``size``: the step, refined, 2^-24 cm.
+    """
+    features = np.empty(weights.shape[0], np.int64)
+    describe(state, table, node, start, span, lags, up, signals, features)
+    predict(features, weights, prediction)
+    speed = 0
+    for f in range(12):
+        speed += abs(features[f])
+    signs[4] = _in_steps(speed // 12, size)
+    if len(keys) + own > 0:
+        key = np.empty(keys.shape[1], np.int16)
+        key_of(features, span, key)
+        spread, nearest, last = recall(key, keys, follows, own_keys, own_follows, own, prediction)
+        signs[6] = _in_steps(spread, size)
+        signs[7] = _in_steps(nearest << 14, size)
+        signs[8] = _in_steps(last << 14, size)
+        signs[9] = 256
+    length = 0
+    for c in range(len(prediction)):
+        length += abs(prediction[c])
+    signs[5] = _in_steps(length // len(prediction), size)
 
 
 @lean

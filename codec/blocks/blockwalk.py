@@ -12,17 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arithmetic.compiled import compiled
-from ..clip import FloatArray, IntArray
+from ..clip import BoolArray, FloatArray, IntArray
 from ..streams.sizeclasses import bits_of, class_costs
 from .aiming import aim
 from .blockcoder import MOST_FINE, choose, expect, fine_step, settle, wanted
 from .blockcontext import pose
+from .leads import Leads, no_leads
 from .motionmodel import SIGNS, MotionModel
 from .nodes import FINE, FOLLOWER, KIND, ROW, Nodes
 from .recall import FollowArray, KeyArray, Memory, own_memory, own_stride, remember_next
 from .yardstick import Yardstick, errors_at
 
 STEP_BITS = 24  # steps: 2^-24 cm
+LED_THRIFT = 3.0  # times: a copy need not be better than what it is a copy of
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +58,14 @@ def walk(
     step: int,
     thrift: float,
     refine: bool = True,
+    leads: Leads | None = None,
 ) -> Walk:
     """Return the choices for a clip whose first pose is decoded already.
 
     ``goal``: (frames, nodes, 4) turns × 2^30 and places in 2^-20 cm; ``first``: (nodes, 4) the
     decoded first pose; ``step``: 2^-24 cm; ``thrift``: weight of bits against squared error
-    when rounding; ``refine``: whether blocks outside their limits are coded again.
+    when rounding; ``refine``: whether blocks outside their limits are coded again; ``leads``:
+    what the clip follows.
     """
     frames, count = len(goal), nodes.count
     blocks = -(-(frames - 1) // model.span) if frames else 0
@@ -75,6 +79,7 @@ def walk(
     fines = np.zeros(blocks, np.int64)
     costs = np.zeros(count)
     own = own_memory(frames, model.rows, model.span)
+    leads = leads or no_leads(nodes, frames, model.span)
     largest, total, measured = _walk(
         full,
         state,
@@ -98,6 +103,9 @@ def walk(
         step,
         thrift,
         refine,
+        leads.which,
+        leads.states,
+        leads.has,
         *class_costs(),
         quantised,
         classes,
@@ -139,6 +147,9 @@ def _walk(
     step: int,
     thrift: float,
     refine: bool,
+    which: IntArray,
+    led_states: IntArray,
+    has: BoolArray,
     zeros: FloatArray,
     ones: FloatArray,
     more: FloatArray,
@@ -168,6 +179,10 @@ def _walk(
     for block in range(blocks):
         start = 1 + block * span
         fine, best_share = 0, 0.0
+        led = which[block]
+        saved = thrift if led < 0 else LED_THRIFT * thrift
+        if led >= 0:
+            led_states[led, 0] = state[start - 1]
         while True:
             block_costs[:] = 0.0
             for node in range(nodes):
@@ -177,7 +192,8 @@ def _walk(
                 expect(
                     state, table, node, start, span, lags, up, weights, base, senses,
                     keys, follows, own_keys, own_follows, own, signals, activity, top, path,
-                    step, fine, prediction, classes[block, node], signs[block, node],
+                    step, fine, led_states, has, led,
+                    prediction, classes[block, node], signs[block, node],
                 )  # fmt: skip
                 aim(state, goal, table, node, start, true_points, skeleton, offsets, mends, aims)
                 wanted(state, aims, table, node, start, goals)
@@ -186,7 +202,7 @@ def _walk(
                 size = fine_step(step, fine + table[node, FINE])
                 choose(
                     goals, rest, basis[table[node, ROW]], analysis[table[node, ROW]], size,
-                    classes[block, node], ones, more, thrift / (1.0 + fine),
+                    classes[block, node], ones, more, saved / (1.0 + fine),
                     quantised[block, node],
                 )  # fmt: skip
                 for c in range(channels):

@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arithmetic.compiled import compiled
-from ..clip import IntArray
+from ..clip import BoolArray, IntArray
 from ..errors import DamagedError
 from ..streams.entropy import SymbolReader, SymbolWriter
 from .blockcoder import MOST_FINE, expect, settle
 from .blockcontext import pose as pose_node
 from .blockwalk import Walk
+from .leads import Leads, no_leads
 from .motifs import preview_state, read_motifs, write_motifs
 from .motionmodel import SIGNS, MotionModel
 from .nodegroups import CORE, groups_of
@@ -68,15 +69,17 @@ def write_run(
     walk: Walk,
     core: SymbolWriter,
     streams: int = 1,
+    led: bool = False,
 ) -> list[bytes]:
     """Write the core of a run to ``core``, and return the streams of its rest.
 
-    ``motifs``: see `motifs`; ``streams``: how many there are.
+    ``motifs``: see `motifs`; ``streams``: how many there are; ``led``: whether the first pose
+    follows a lead.
     """
     nodes = known.nodes
     core.uniform([start.pose], len(known.poses))
     core.number(start.fine)
-    classes = start_classes(nodes, known.model, start.pose, step, start.fine)
+    classes = start_classes(nodes, known.model, start.pose, step, start.fine, led)
     core.sized(start.quantised.ravel(), classes.ravel())
     write_motifs(core, motifs, len(known.poses), start.pose)
     in_core = core_nodes(nodes)
@@ -104,30 +107,34 @@ def read_run(
     frames: int,
     core: SymbolReader,
     rests: Sequence[bytes] | None,
+    leads: Leads | None = None,
     kept: IntArray | None = None,
 ) -> IntArray:
     """Return the decoded state (frames, nodes, 4) of a run, its core read from ``core``.
 
     Without ``rests`` only the core is read: the figure's exact path, and its motifs for the
-    rest of the body. ``kept``: the nodes to decode, all that are in their streams, and those
-    that they depend on; no other streams are looked at. Raises `DamagedError`.
+    rest of the body. ``leads``: of the nodes to decode. ``kept``: the nodes to decode, all that
+    are in their streams, and those that they depend on; no other streams are looked at. Raises
+    `DamagedError`.
     """
     model = known.model
     number = int(core.uniform(1, len(known.poses))[0])
     fine = core.number()
     if fine > MOST_FINE:
         raise DamagedError(f"claims a first pose refined {fine} times")
-    classes = start_classes(known.nodes, model, number, step, fine)
+    first = None if leads is None else leads.first
+    classes = start_classes(known.nodes, model, number, step, fine, first is not None)
     differences = core.sized(classes.ravel()).reshape(-1, 3)
     if kept is not None:
         known, differences = known.only(kept), differences[kept]
     nodes = known.nodes
     blocks = -(-(frames - 1) // model.span)
     state = np.zeros((1 + blocks * model.span, nodes.count, 4), np.int64)
-    begin(state, nodes, known.poses, Start(number, fine, differences), step)
+    pose = known.poses[number] if first is None else first
+    begin(state, nodes, pose, known.poses[0], Start(number, fine, differences), step)
     motifs = read_motifs(core, frames, len(known.poses), number)
     refined = bool(core.uniform(1, 2)[0])
-    walker = _Walker(known, state, step, frames)
+    walker = _Walker(known, state, step, frames, leads or no_leads(nodes, frames, model.span))
     groups = groups_of(nodes, known.streams, rests is None)
     readers = {CORE: core}
     for stream in {share.stream for group in groups for share in group.shares} - {CORE}:
@@ -135,6 +142,7 @@ def read_run(
         readers[stream] = SymbolReader(rests[stream])
     fine = 0
     for block in range(blocks):
+        walker.follow(block)
         if refined:
             fine += int(core.sized(np.array([_REFINEMENT_CLASS]))[0])
             if not 0 <= fine <= MOST_FINE:
@@ -153,18 +161,19 @@ def read_run(
     return state[:frames]
 
 
-def begin(state: IntArray, nodes: Nodes, poses: IntArray, start: Start, step: int) -> None:
-    """Write the first pose into ``state``."""
+def begin(
+    state: IntArray, nodes: Nodes, pose: IntArray, usual: IntArray, start: Start, step: int
+) -> None:
+    """Write the first pose into ``state``; ``pose`` and ``usual``: (rows, 4)."""
     for node in range(nodes.count):
         differences = start.quantised[node]
-        pose = poses[start.pose]
-        start_node(state, node, nodes.table, pose, poses[0], differences, step, start.fine)
+        start_node(state, node, nodes.table, pose, usual, differences, step, start.fine)
 
 
 class _Walker:
     """The decoder's place in a run."""
 
-    def __init__(self, known: Known, state: IntArray, step: int, frames: int) -> None:
+    def __init__(self, known: Known, state: IntArray, step: int, frames: int, leads: Leads) -> None:
         nodes, model = known.nodes, known.model
         self.state, self.step, self.table, self.span = state, step, nodes.table, model.span
         self.signals = np.zeros((nodes.count, model.span, 3), np.int64)
@@ -178,6 +187,14 @@ class _Walker:
         self.own = own_memory(frames, model.rows, model.span)
         self.moments = 0
         self.root = (nodes.top, nodes.path)
+        self.leads = leads
+        self.led = -1
+
+    def follow(self, block: int) -> None:
+        """Go to the lead of a block, if it has one."""
+        self.led = int(self.leads.which[block])
+        if self.led >= 0:
+            self.leads.states[self.led, 0] = self.state[block * self.span]
 
     def expect(self, group: IntArray, block: int, fine: int) -> None:
         """Predict the nodes of a group, and fill the first rows of ``classes``."""
@@ -196,6 +213,9 @@ class _Walker:
             *self.root,
             self.step,
             fine,
+            self.leads.states,
+            self.leads.has,
+            self.led,
             self.predictions,
             self.classes,
         )
@@ -260,6 +280,9 @@ def _expect_group(
     path: int,
     step: int,
     fine: int,
+    leads: IntArray,
+    has: BoolArray,
+    led: int,
     predictions: IntArray,
     classes: IntArray,
 ) -> None:
@@ -270,7 +293,7 @@ def _expect_group(
             expect(
                 state, table, node, start, span, lags, up, weights, base, senses, keys, follows,
                 own_keys, own_follows, own, signals, activity, top, path, step, fine,
-                predictions[node], classes[at], signs,
+                leads, has, led, predictions[node], classes[at], signs,
             )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from ..streams.sizeclasses import class_costs, class_of
 from .aiming import aim
 from .blockcoder import fine_step
 from .blockcontext import turn_at
+from .leads import LEAD_CLASS
 from .motionmodel import MotionModel
 from .nodes import FINE, FOLLOWER, GUIDE, KIND, LEVER, PLACE, ROW, SCALE, Nodes
 from .yardstick import Yardstick
@@ -65,8 +66,15 @@ def start_size(step: int, fine: int, kind: int) -> int:
     return fine_step(step, fine + FOLLOWER_FINE if kind == FOLLOWER else fine)
 
 
-def start_classes(nodes: Nodes, model: MotionModel, pose: int, step: int, fine: int) -> IntArray:
-    """Return the class (nodes, 3) of every number of a first pose."""
+def start_classes(
+    nodes: Nodes, model: MotionModel, pose: int, step: int, fine: int, led: bool
+) -> IntArray:
+    """Return the class (nodes, 3) of every number of a first pose.
+
+    ``pose``: number of the known pose; ``led``: whether it is that of a lead.
+    """
+    if led:
+        return np.full((nodes.count, 3), LEAD_CLASS, np.int64)
     in_steps = model.starts[nodes.table[:, ROW], int(pose > 0)]
     kinds = nodes.table[:, [KIND, FINE]].tolist()
     sizes = [start_size(step, fine + own, kind) for kind, own in kinds]

@@ -69,7 +69,7 @@ def unpack(data: bytes, *, prefix_only: bool = False) -> IndexFile:
         raise DamagedError("not an index file (no MFI magic)", place="byte 0")
     if version != VERSION:
         raise VersionError(
-            f"index file version {version}; this motifold reads versions 1 to 3",
+            f"index file version {version}; this motifold reads versions 1 to 4",
             place="byte 3",
             advice="Use a newer motifold",
         )

@@ -11,6 +11,7 @@ from ..arithmetic.fixedpoint import ONE
 from ..blocks.blockcoder import MOST_FINE
 from ..blocks.blockcontext import UNIT_BITS
 from ..blocks.blockwalk import Walk, walk
+from ..blocks.leads import Leads
 from ..blocks.motifs import choose_motifs
 from ..blocks.motionmodel import MotionModel
 from ..blocks.nodes import JOINT, KIND, PLACE, Nodes
@@ -55,17 +56,24 @@ class CodedRun:
 
 
 def code_run(
-    known: Known, goal: IntArray, yardstick: Yardstick, step: int, thrift: float, refine: bool
+    known: Known,
+    goal: IntArray,
+    yardstick: Yardstick,
+    step: int,
+    thrift: float,
+    refine: bool,
+    leads: Leads,
 ) -> CodedRun:
     """Return a run coded at a step, its first pose refined until it is inside its limits."""
     nodes = known.nodes
     pose = nearest_pose(goal[0], nodes, known.poses)
     single = yardstick.cut(0, 1)
+    under = known.poses[pose] if leads.first is None else leads.first
     fine = 0
     while True:
-        classes = start_classes(nodes, known.model, pose, step, fine)
+        classes = start_classes(nodes, known.model, pose, step, fine, leads.first is not None)
         first, quantised = choose_start(
-            goal, nodes, yardstick, known.poses[pose], known.poses[0], step, fine, classes, thrift
+            goal, nodes, yardstick, under, known.poses[0], step, fine, classes, thrift
         )
         alone = walk(
             goal[:1], first, nodes, known.model, known.memory, single, step, thrift, refine
@@ -73,7 +81,9 @@ def code_run(
         if not refine or alone.largest <= 1.0 or fine >= MOST_FINE:
             break
         fine += 1
-    done = walk(goal, first, nodes, known.model, known.memory, yardstick, step, thrift, refine)
+    done = walk(
+        goal, first, nodes, known.model, known.memory, yardstick, step, thrift, refine, leads
+    )
     motifs = choose_motifs(goal, nodes, known.poses, pose)
     return CodedRun(Start(pose, fine, quantised), motifs, done)
 

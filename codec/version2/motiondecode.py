@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arithmetic.fixedpoint import ONE
+from ..blocks.leads import leads_of_run
 from ..blocks.motionmodel import MotionModel
 from ..blocks.nodes import Nodes, marker_nodes, skeleton_nodes
 from ..blocks.offered import Reference
@@ -83,7 +84,7 @@ def decode_states(
     if file.streams not in (1, len(rig.parts)):
         raise DamagedError(f"claims {file.streams} streams a run for {len(rig.parts)} body parts")
     first = SymbolReader(file.cores[0])
-    head = read_head(first, rig, file.frames, model.still, model.sliding)
+    head = read_head(first, rig, file.frames, model.still, model.sliding, file.led)
     if len(references) != len(head.references):
         raise UsageError(f"{len(references)} references for {len(head.references)}")
     nodes = nodes_of(rig, family, head)
@@ -92,6 +93,9 @@ def decode_states(
     decoded = nodes if kept is None else nodes.only(kept)
     check_room(file.frames, 1 + nodes.count // ROOM_NODES, _coded_bytes(file))
     step, states = step_units(file.step_code), []
+    tracks = [reference.track for reference in references]
+    if any(lead.start >= len(tracks[lead.reference].state) for lead in head.leads):
+        raise DamagedError("follows a reference beyond its end")
     last = file.frames if stop is None else stop
     for number, (low, high) in enumerate(runs_of(file.frames)):
         if high <= start or low >= last:
@@ -101,7 +105,8 @@ def decode_states(
             continue
         core = first if number == 0 else SymbolReader(file.cores[number])
         rests = None if core_only else file.rests_of(number)
-        states.append(read_run(known, step, high - low, core, rests, kept))
+        leads = leads_of_run(head.leads, tracks, decoded, model.rows, model.span, low, high)
+        states.append(read_run(known, step, high - low, core, rests, leads, kept))
     return Decoded(head, decoded, tuple(states))
 
 
@@ -119,7 +124,8 @@ def parts_read(
     """
     if wanted is None or (file.streams == 1 and not core_only):
         return None
-    head = read_head(SymbolReader(file.cores[0]), rig, file.frames, model.still, model.sliding)
+    core = SymbolReader(file.cores[0])
+    head = read_head(core, rig, file.frames, model.still, model.sliding, file.led)
     return needed_parts(nodes_of(rig, family, head), rig, wanted)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..blocks.leads import Lead, Leads, leads_of_run
 from ..blocks.motionmodel import MotionModel
 from ..blocks.nodes import Nodes
 from ..blocks.offered import Reference
@@ -19,6 +21,7 @@ from ..geometry.limits import TEXT_MARGIN, Limits
 from ..geometry.metrics import Errors, measure
 from ..streams.entropy import SymbolWriter
 from ..streams.quantiser import code_below
+from .leadfinding import Hint, find_leads
 from .motioncodec import CodedRun, clip_of, code_run, known_of
 from .motiondecode import decode_states, step_units
 from .motionfile import MotionFile, pack_motion, runs_of, told, unpack_motion
@@ -29,6 +32,7 @@ THRIFT = 0.13  # weight of bits against squared error in rounding: the slope of 
 LARGEST_STEP = 1.1  # of the largest limit; nodes and blocks refine it where they must
 MOST_REFINED = 32.0  # times: less than what `blockcoder.MOST_FINE` allows
 MEAN_STEP = 2.5  # steps over mean errors that mostly end near
+MAXIMUM_OVER_MEAN = 4.0  # of errors, mostly
 TRIALS = 12
 NO_LIMIT = 1e3  # centimetres: of a clip of no frames
 CLOSE_ENOUGH = 0.985  # of the mean error that is allowed
@@ -64,15 +68,43 @@ class MotionEncoder:
         rig_number: int,
         limits: Limits,
         references: Sequence[tuple[int, Reference]] = (),
+        hints: Sequence[Hint] = (),
     ) -> EncodedMotion:
         """Return the index file of ``clip``, which is inside its ``limits``.
 
-        ``references``: (clip number, decoded clip), ascending. Raises `GuaranteeError` if no
-        step brings the clip inside, `UnsupportedError` for what cannot be coded.
+        ``references``: (clip number, decoded clip), ascending; ``hints``: where the clip may go
+        as one of them does. Raises `GuaranteeError` if no step brings the clip inside,
+        `UnsupportedError` for what cannot be coded.
         """
         check_size(clip)
-        margin = min(TEXT_MARGIN, limits.least / 30.0)
         goal = goal_of(clip, rig, self.family, limits)
+        tracks = [reference.track for _, reference in references]
+        mean = limits.least if limits.mean is None else MAXIMUM_OVER_MEAN * limits.mean
+        tolerance = min(limits.least, mean)
+        leads = find_leads(goal.path, goal.nodes, tracks, hints, self.model.span, tolerance)
+        made = self.encode_led(clip, rig, rig_number, limits, references, (), goal)
+        if leads:
+            with suppress(GuaranteeError):  # where a reference was less exact than this is to be
+                led = self.encode_led(clip, rig, rig_number, limits, references, leads, goal)
+                made = min(made, led, key=lambda each: len(each.data))
+        return made
+
+    def encode_led(
+        self,
+        clip: Clip,
+        rig: Rig,
+        rig_number: int,
+        limits: Limits,
+        references: Sequence[tuple[int, Reference]],
+        leads: tuple[Lead, ...],
+        goal: Goal | None = None,
+    ) -> EncodedMotion:
+        """Return the index file of a clip that follows ``leads``, whether it is like them or not.
+
+        ``goal``: of the clip, if it is known. Raises as `encode` does.
+        """
+        goal = goal or goal_of(clip, rig, self.family, limits)
+        margin = min(TEXT_MARGIN, limits.least / 30.0)
         decoded_from = [reference for _, reference in references]
         streams = len(rig.parts) if self.by_part else 1
         known = known_of(goal.nodes, rig, self.family, self.model, decoded_from, streams)
@@ -82,13 +114,22 @@ class MotionEncoder:
             goal.sliding,
             clip.seen if isinstance(clip, MarkerClip) else None,
             goal.fines,
+            leads,
         )
+        tracks = [reference.track for reference in decoded_from]
+        rows, span = self.model.rows, self.model.span
+        followed = [
+            leads_of_run(leads, tracks, goal.nodes, rows, span, low, high)
+            for low, high in runs_of(clip.frames)
+        ]
         tightness = 1.0
         for trial in range(TRIALS):
             aimed = _tightened(goal, limits, margin, tightness)
             mean = None if limits.mean is None else limits.mean * min(tightness, 1.0)
-            code, runs = self._search(known, aimed, mean)
-            file = self._file(head, rig, rig_number, clip.frames, code, known, runs, streams)
+            code, runs = self._search(known, aimed, mean, followed)
+            file = self._file(
+                head, rig, rig_number, clip.frames, code, known, runs, streams, followed
+            )
             data = pack_motion(file)
             decoded = decode_states(unpack_motion(data), rig, self.family, self.model, decoded_from)
             found = clip_of(rig, decoded.nodes, decoded.states, decoded.head.seen)
@@ -115,18 +156,18 @@ class MotionEncoder:
         return excess
 
     def _search(
-        self, known: Known, goal: Goal, mean_limit: float | None
+        self, known: Known, goal: Goal, mean_limit: float | None, followed: list[Leads]
     ) -> tuple[int, list[CodedRun]]:
         """Return a step's code and the runs coded at it."""
         least = min(_loosest(goal.yardstick.joint_limits), _loosest(goal.yardstick.frame_limits))
         if mean_limit is None:
             code = code_below(LARGEST_STEP * least)
-            return code, self._coded(known, goal, code)
+            return code, self._coded(known, goal, code, followed)
         aim = mean_limit
         code = code_below(min(MEAN_STEP * aim, LARGEST_STEP * least))
         best: tuple[int, list[CodedRun]] | None = None
         for _ in range(TRIALS):
-            runs = self._coded(known, goal, code)
+            runs = self._coded(known, goal, code, followed)
             mean = _mean_of(runs)
             if mean <= aim and (best is None or code > best[0]):
                 best = code, runs
@@ -144,12 +185,12 @@ class MotionEncoder:
             )
         return best
 
-    def _coded(self, known: Known, goal: Goal, code: int) -> list[CodedRun]:
+    def _coded(self, known: Known, goal: Goal, code: int, followed: list[Leads]) -> list[CodedRun]:
         step = step_units(code)
         frames = len(goal.path)
         return [
-            code_run(known, *goal.run(low, high), step, THRIFT, True)
-            for low, high in runs_of(frames)
+            code_run(known, *goal.run(low, high), step, THRIFT, True, leads)
+            for (low, high), leads in zip(runs_of(frames), followed, strict=True)
         ]
 
     def _file(
@@ -162,14 +203,18 @@ class MotionEncoder:
         known: Known,
         runs: list[CodedRun],
         streams: int,
+        followed: list[Leads],
     ) -> MotionFile:
         cores = [SymbolWriter() for _ in runs] or [SymbolWriter()]
         write_head(cores[0], head, rig, self.model.still, self.model.sliding)
         step = step_units(code)
         rests = [
             rest
-            for run, core in zip(runs, cores, strict=False)
-            for rest in write_run(known, step, run.start, run.motifs, run.walk, core, streams)
+            for run, core, leads in zip(runs, cores, followed, strict=False)
+            for rest in write_run(
+                *(known, step, run.start, run.motifs, run.walk, core, streams),
+                led=leads.first is not None,
+            )
         ]
         return MotionFile(
             rig_number,
@@ -180,6 +225,7 @@ class MotionEncoder:
             tuple(core.to_bytes() for core in cores),
             tuple(rests),
             streams,
+            bool(head.leads),
         )
 
 

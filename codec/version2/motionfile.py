@@ -1,6 +1,7 @@
-"""The container of versions 2 and 3: what one archived clip is, from magic to the last run.
+"""The container of versions 2 to 4: what one archived clip is, from magic to the last run.
 
-Version 3 is version 2 with the rest of every run in one stream a body part.
+Version 3 is version 2 with the rest of every run in one stream a body part; version 4 is a
+clip with leads, in one stream or several, sealed as in version 3.
 
 Byte by byte in ``docs/format.md``. This module knows the envelope only: the coded streams are
 opaque bytes here.
@@ -21,7 +22,7 @@ from ..streams.envelope import FRAME_LIMIT, Readable, read_varint, varint
 from .pieces import Piece, Pieces, sealed
 
 MAGIC = b"MF"
-VERSIONS = 2, 3  # with one stream in the rest of a run, with several
+PLAIN, BY_PART, LED = VERSIONS = 2, 3, 4
 RUN_FRAMES = 1024  # longer clips are cut into runs that decode on their own
 _FIXED = struct.Struct("<2sBHH")
 _CERTIFICATE = struct.Struct("<HBB")
@@ -32,7 +33,7 @@ _SHARE = 16.0  # codes an octave of the mean's and the percentile's share of the
 
 @dataclass(frozen=True)
 class MotionFile:
-    """The parts of an index file of version 2 or 3.
+    """The parts of an index file of version 2, 3 or 4.
 
     ``rig``: number of the clip's rig in the store; ``generation``: that of the motion model it
     was coded with, 0 for the fixed one; ``step_code``: see `quantiser`; ``certificate``: the
@@ -42,6 +43,7 @@ class MotionFile:
     is there even without a run. ``rests``: those of the first run, then those of the second …;
     None when only the prefix was read. ``streams``: how many the rest of a run has: 1, or one a
     body part. A file that is read piecewise checks them when they are asked for.
+    ``led``: whether the head has leads.
     """
 
     rig: int
@@ -52,6 +54,7 @@ class MotionFile:
     cores: Sequence[bytes]
     rests: Sequence[bytes] | None
     streams: int = 1
+    led: bool = False
 
     def rests_of(self, run: int) -> Sequence[bytes] | None:
         """Return the streams of a run's rest, or None when only the prefix was read."""
@@ -69,7 +72,8 @@ def pack_motion(file: MotionFile) -> bytes:
     """Return the bytes of a complete index file."""
     assert file.rests is not None, "a prefix cannot be packed"
     cores, rests, streams = [*file.cores], [*file.rests], []
-    if file.streams > 1:
+    version = LED if file.led else BY_PART if file.streams > 1 else PLAIN
+    if version > PLAIN:
         cores[1:], rests = map(sealed, cores[1:]), [*map(sealed, rests)]
         streams = [file.streams]
     certificate = file.certificate
@@ -85,7 +89,6 @@ def pack_motion(file: MotionFile) -> bytes:
     first = 1 if streams else len(cores)
     prefix += b"".join(cores[:first])
     rest = b"".join((*cores[first:], *rests))
-    version = VERSIONS[bool(streams)]
     checks = _checksum(prefix, version), _checksum(rest, version)
     return _FIXED.pack(MAGIC, version, *checks) + prefix + rest
 
@@ -93,11 +96,11 @@ def pack_motion(file: MotionFile) -> bytes:
 def unpack_motion(
     data: Readable, *, prefix_only: bool = False, piecewise: bool = False
 ) -> MotionFile:
-    """Return the parts of an index file of version 2 or 3, checked against its checksums.
+    """Return the parts of an index file of version 2, 3 or 4, checked against its checksums.
 
     With ``prefix_only`` the rests are neither needed nor read, so ``data`` may be any prefix
-    that covers the cores. With ``piecewise`` the streams of version 3, but the first, are read
-    and checked one by one when they are asked for. Raises `DamagedError` or `VersionError`.
+    that covers the cores. With ``piecewise`` the streams of versions 3 and 4, but the first, are
+    read and checked one by one when they are asked for. Raises `DamagedError` or `VersionError`.
     """
     if len(data) < _FIXED.size:
         raise DamagedError("the index file ends in its header", place=f"byte {len(data)}")
@@ -110,11 +113,11 @@ def unpack_motion(
             place="byte 2",
             advice="Use a newer motifold",
         )
-    by_part = version == VERSIONS[1]
-    fields, at = _varints(data, _FIXED.size, 5 if by_part else 4)
+    apart = version > PLAIN
+    fields, at = _varints(data, _FIXED.size, 5 if apart else 4)
     rig, generation, frames, step_code = fields[:4]
-    streams = fields[4] if by_part else 1
-    if streams < 1 + by_part:
+    streams = fields[4] if apart else 1
+    if streams < 1 + (version == BY_PART):
         raise DamagedError(f"claims {streams} streams a run", place=f"byte {_FIXED.size}")
     if frames > FRAME_LIMIT or frames > RUN_FRAMES * len(data):
         raise DamagedError(f"claims {frames} frames", place=f"byte {_FIXED.size}")
@@ -122,7 +125,7 @@ def unpack_motion(
     cores = max(runs, 1)
     lengths, at = _varints(data, at, cores + max(runs * streams - 1, 0))
     shares, at = at, at + _CERTIFICATE.size
-    first = 1 if by_part else cores  # cores that the first checksum is of
+    first = 1 if apart else cores  # cores that the first checksum is of
     borders = [at, *(at + end for end in accumulate(lengths))]
     checked, cores_end = borders[first], borders[cores]
     if cores_end > len(data):
@@ -130,33 +133,35 @@ def unpack_motion(
     if _checksum(data[_FIXED.size : checked], version) != prefix_crc:
         raise DamagedError("checksum of header and cores is wrong", place="byte 3")
     if not prefix_only:
-        whole = not (by_part and piecewise)
+        whole = not (apart and piecewise)
         if whole and _checksum(data[checked : len(data)], version) != rest_crc:
-            what = "streams" if by_part else "rests"
+            what = "streams" if apart else "rests"
             raise DamagedError(f"checksum of the {what} is wrong", place=f"byte {checked}")
         if borders[-1] > len(data):
             raise DamagedError("the index file ends in its rests", place=f"byte {len(data)}")
     if runs:
         borders.append(len(data))
     pieces = [
-        Piece(start, stop, by_part and number > 0)
+        Piece(start, stop, apart and number > 0)
         for number, (start, stop) in enumerate(pairwise(borders))
     ]
     in_cores: Sequence[bytes] = Pieces(data, tuple(pieces[:cores]))
     in_rests: Sequence[bytes] | None = Pieces(data, tuple(pieces[cores:]))
     if prefix_only:
         in_rests = None
-    if not (by_part and piecewise):
+    if not (apart and piecewise):
         in_cores, in_rests = tuple(in_cores), None if in_rests is None else tuple(in_rests)
     code, mean, percentile = _CERTIFICATE.unpack(data[shares:at])
     largest = _of_largest(code)
     certificate = Errors(largest, _of_share(mean, largest), _of_share(percentile, largest))
-    return MotionFile(rig, generation, frames, step_code, certificate, in_cores, in_rests, streams)
+    return MotionFile(
+        rig, generation, frames, step_code, certificate, in_cores, in_rests, streams, version == LED
+    )
 
 
 def _checksum(data: bytes, version: int) -> int:
     """Return a CRC-16 that no file of the other version has of the same bytes."""
-    return binascii.crc_hqx(data, 0 if version == VERSIONS[0] else version)
+    return binascii.crc_hqx(data, 0 if version == PLAIN else version)
 
 
 def _varints(data: Readable, at: int, count: int) -> tuple[list[int], int]:

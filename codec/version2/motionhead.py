@@ -10,14 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..blocks.blockcoder import MOST_FINE
+from ..blocks.leads import Lead, Move
 from ..clip import BoolArray
 from ..errors import DamagedError
 from ..figure.rig import Rig
 from ..figure.sliding import can_slide
 from ..streams.entropy import SymbolReader, SymbolWriter
+from ..streams.envelope import FRAME_LIMIT
 from ..streams.gapstream import read_gaps, write_gaps
 
 MOST_REFERENCES = 64
+MOST_MOVED = 1 << 36  # 2^-11 cm: more than 300 km
 _RARE = 8  # class of a joint that is not as usual: one in some fifty
 _FINE = 36  # class of how a node's fineness differs from the last one's
 
@@ -28,7 +31,8 @@ class Head:
 
     ``references``: numbers of the clips that this one is predicted from, ascending; ``still``
     and ``sliding``: joints, see `nodes`; ``seen``: (frames, markers), None for skeletons;
-    ``fines``: per node, see `nodes.FINE`; empty if all are 0.
+    ``fines``: per node, see `nodes.FINE`; empty if all are 0; ``leads``: in the order of their
+    frames, of which no two have one in common.
     """
 
     references: tuple[int, ...]
@@ -36,6 +40,7 @@ class Head:
     sliding: tuple[int, ...]
     seen: BoolArray | None
     fines: tuple[int, ...] = ()
+    leads: tuple[Lead, ...] = ()
 
 
 def write_head(
@@ -52,6 +57,8 @@ def write_head(
         bits = int(gaps.max()).bit_length()
         writer.uniform([bits], 48)
         writer.uniform(gaps, 1 << bits)
+    if head.leads:
+        _write_leads(writer, head.leads, len(gaps))
     if head.seen is not None:
         write_gaps(writer, head.seen)
         _write_fines(writer, head.fines)
@@ -68,17 +75,22 @@ def read_head(
     frames: int,
     usual_still: tuple[int, ...],
     usual_sliding: tuple[int, ...],
+    led: bool = False,
 ) -> Head:
-    """Return what `write_head` was given. Raises `DamagedError`."""
+    """Return what `write_head` was given; ``led``: whether it has leads.
+
+    Raises `DamagedError`.
+    """
     references = _read_references(reader)
+    leads = _read_leads(reader, len(references), frames) if led else ()
     if rig.kind == "markers":
         seen = read_gaps(reader, frames, rig.skeleton.joints)
-        return Head(references, (), (), seen, _read_fines(reader, rig.skeleton.joints))
+        return Head(references, (), (), seen, _read_fines(reader, rig.skeleton.joints), leads)
     joint_numbers, candidates = list(range(rig.skeleton.joints)), can_slide(rig)
     still = _read_set(reader, usual_still, joint_numbers)
     sliding = _read_set(reader, usual_sliding, candidates)
     fines = _read_fines(reader, len(joint_numbers) + len(sliding))
-    return Head(references, still, sliding, None, fines)
+    return Head(references, still, sliding, None, fines, leads)
 
 
 def read_references(core: bytes) -> tuple[int, ...]:
@@ -95,6 +107,43 @@ def _read_references(reader: SymbolReader) -> tuple[int, ...]:
     bits = int(reader.uniform(1, 48)[0])
     gaps = reader.uniform(count, 1 << bits)
     return tuple((np.cumsum(gaps + 1) - 1).tolist())
+
+
+def _write_leads(writer: SymbolWriter, leads: tuple[Lead, ...], references: int) -> None:
+    writer.number(len(leads))
+    before = 0
+    for lead in leads:
+        writer.uniform([lead.reference], references)
+        for number in (lead.first - before, lead.frames - 1, lead.start, lead.stride - 1):
+            writer.number(number)
+        writer.uniform([int(lead.move is not None)], 2)
+        for value in lead.move or ():
+            writer.number(2 * value if value >= 0 else -2 * value - 1)
+        before = lead.stop
+
+
+def _read_leads(reader: SymbolReader, references: int, frames: int) -> tuple[Lead, ...]:
+    count, leads, before = reader.number(), [], 0
+    if not references or not 0 < count <= frames:
+        raise DamagedError(f"claims {count} leads by {references} references")
+    for _ in range(count):
+        reference = int(reader.uniform(1, references)[0])
+        first, length, start, stride = (reader.number() for _ in range(4))
+        move = _read_move(reader) if int(reader.uniform(1, 2)[0]) else None
+        lead = Lead(reference, before + first, length + 1, start, stride + 1, move)
+        if lead.stop > frames or lead.start + lead.stride * lead.frames > FRAME_LIMIT:
+            raise DamagedError(f"claims a lead from frame {lead.first} to {lead.stop}")
+        leads.append(lead)
+        before = lead.stop
+    return tuple(leads)
+
+
+def _read_move(reader: SymbolReader) -> Move:
+    coded = [reader.number() for _ in range(6)]
+    if max(coded) > MOST_MOVED:
+        raise DamagedError("claims a figure moved out of this world")
+    x, y, z, right, up, ahead = (-(each + 1) // 2 if each & 1 else each // 2 for each in coded)
+    return x, y, z, right, up, ahead
 
 
 def _write_fines(writer: SymbolWriter, fines: tuple[int, ...]) -> None:
