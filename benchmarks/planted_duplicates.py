@@ -1,8 +1,9 @@
 """Duplicates planted among real clips, and what ``motifold duplicates`` finds of them.
 
-Clips of DATA/bandai are linked into OUT/library, and copies of twenty of them planted, four of
-each kind: renamed, the middle half, at 60 instead of 120 frames a second, mirrored, and with
-noise of a millimetre. Retakes are clips whose names have the same content and style.
+Clips of DATA/bandai are linked into OUT/library, and copies of 24 of them planted, four of each
+kind: renamed, the middle half, at 60 instead of 120 frames a second, elsewhere and facing another
+way, mirrored, and with noise of a millimetre. Retakes are clips whose names have the same content
+and style.
 """
 
 from __future__ import annotations
@@ -68,6 +69,15 @@ def halved(clip: SkeletonClip) -> SkeletonClip:
     )
 
 
+def moved(clip: SkeletonClip) -> SkeletonClip:
+    """Return a clip three metres away, turned by two radians."""
+    turn = Rotation.from_rotvec([0.0, 2.0, 0.0]).as_matrix()
+    rotations, translations = clip.rotations.copy(), clip.translations.copy()
+    rotations[:, 0] = turn @ rotations[:, 0]
+    translations[:, 0] = translations[:, 0] @ turn.T + np.array([300.0, 0.0, -50.0])
+    return replace(clip, rotations=rotations, translations=translations)
+
+
 def mirrored(clip: SkeletonClip) -> SkeletonClip:
     """Return the mirror image of a clip whose joints' sides are ``_L`` and ``_R``.
 
@@ -106,6 +116,7 @@ def noisy(clip: SkeletonClip) -> SkeletonClip:
 KINDS: dict[str, Callable[[SkeletonClip], SkeletonClip]] = {
     "cropped": cropped,
     "resampled": halved,
+    "moved": moved,
     "mirrored": mirrored,
     "noise": noisy,
 }

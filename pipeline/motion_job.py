@@ -14,13 +14,16 @@ from ..codec.blocks.startpose import usual_pose
 from ..codec.figure.rig import Family
 from ..codec.geometry.limits import Bounds
 from ..codec.learned.economy import candidate, cheapest, coarsened, priced
+from ..codec.learned.landmarks import Landmarks
 from ..codec.learned.learning import learn
 from ..codec.learned.modelfile import can_store, write_model
 from ..codec.learned.predictorfit import products_of
 from ..codec.learned.samples import Manner
 from ..codec.learned.sketch import Sketch
+from ..codec.version2.leadfinding import Hint
 from ..codec.version2.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
 from .archive import Archive
+from .assigning import Traits, Wish, assigned
 from .executors import Executor, map_batches, one_thread
 from .ledger import Failure
 from .motion_tasks import (
@@ -33,7 +36,7 @@ from .motion_tasks import (
     sketch_batch,
 )
 from .plan import BATCH_CLIPS, Settings
-from .references import ReferenceFinder, levels_of
+from .references import ReferenceFinder
 from .tasks import EncodedBatch, EncodedClip, Prepared, lost_failures
 
 MOST_EARLIER = 512  # clips of earlier jobs that a job's clips may refer to
@@ -78,7 +81,7 @@ class MotionJob:
         scratch = self.folder / SCRATCH / token_hex(8)
         try:
             began = monotonic()
-            sketches = self._sketched(batches, tell)
+            sketches, landmarks = self._sketched(batches, tell)
             self.seconds["sketch"] = monotonic() - began
             items = {item.source.name: item for batch in batches for item in batch}
             groups: dict[str, list[str]] = {}
@@ -95,8 +98,19 @@ class MotionJob:
             self.seconds["learn"] = monotonic() - began - self.seconds["sketch"]
             began = monotonic()
             earlier = self._recalled(groups, scratch)
-            plan = self._assigned(groups, sketches, items, earlier)
-            for item, encoded in self._encoded(plan, items, scratch, tell):
+            levels: list[list[Wish]] = []
+            for key, names in groups.items():
+                before = earlier.get(key, Recalled())
+                own = Traits(
+                    {name: sketches[name] for name in names},
+                    {name: landmarks[name] for name in names},
+                )
+                known = Traits(before.clips, before.landmarks)
+                wishes = assigned(own, known, self.settings.references, self.settings.seed)
+                levels += [[] for _ in range(len(wishes) - len(levels))]
+                for level, members in zip(levels, wishes, strict=False):
+                    level += members
+            for item, encoded in self._encoded(levels, items, scratch, tell):
                 yield item, encoded
                 for twin in twins.get(encoded.name, ()):
                     self.numbered += 1
@@ -111,17 +125,19 @@ class MotionJob:
 
     def _sketched(
         self, batches: Sequence[tuple[Prepared, ...]], tell: Callable[[str, int, int], None]
-    ) -> dict[str, Sketch]:
+    ) -> tuple[dict[str, Sketch], dict[str, Landmarks]]:
         found: dict[str, Sketch] = {}
+        landmarks: dict[str, Landmarks] = {}
         done, clips = 0, sum(map(len, batches))
         for batch, result in map_batches(
             self.engine, sketch_batch, batches, self.families, self.settings, lost=lost_sketches
         ):
             found.update(result.clips)
+            landmarks.update(result.landmarks)
             self.failures += result.failures
             done += len(batch)
             tell("sketch", done, clips)
-        return found
+        return found, landmarks
 
     def _learn(
         self,
@@ -179,11 +195,9 @@ class MotionJob:
             if not plain_serves or best.costs.sum() < found[0].costs.sum():
                 self.models[key] = self.generation, best.model
 
-    def _recalled(
-        self, groups: Mapping[str, list[str]], scratch: Path
-    ) -> dict[str, dict[int, Sketch]]:
-        """Decode clips of earlier jobs for the new ones; return their sketches by model key."""
-        found: dict[str, dict[int, Sketch]] = {}
+    def _recalled(self, groups: Mapping[str, list[str]], scratch: Path) -> dict[str, Recalled]:
+        """Decode clips of earlier jobs for the new ones; return what they are by model key."""
+        found: dict[str, Recalled] = {}
         if not self.first or not groups:
             return found
         archive = Archive(self.folder)
@@ -195,42 +209,17 @@ class MotionJob:
                 tuple(chosen[at : at + BATCH_CLIPS]) for at in range(0, len(chosen), BATCH_CLIPS)
             ]
             models = {key: self.models[key][1]}
-            found[key] = {}
+            found[key] = Recalled()
             for _, result in map_batches(
                 self.engine, recall_batch, batches, archive, models, str(scratch), lost=_none
             ):
-                found[key].update(result.clips)
+                found[key].clips.update(result.clips)
+                found[key].landmarks.update(result.landmarks)
         return found
-
-    def _assigned(
-        self,
-        groups: Mapping[str, list[str]],
-        sketches: Mapping[str, Sketch],
-        items: Mapping[str, Prepared],
-        earlier: Mapping[str, Mapping[int, Sketch]],
-    ) -> list[list[tuple[str, list[str | int]]]]:
-        """Return, per level, clips with those that they refer to: names, or earlier numbers."""
-        levels: list[list[tuple[str, list[str | int]]]] = []
-        for key, names in groups.items():
-            level = levels_of(len(names), self.settings.seed)
-            finder = ReferenceFinder(self.settings.references)
-            before = earlier.get(key, {})
-            order: list[str | int] = [*before]
-            finder.add([*before.values()])
-            for number in range(int(level.max(initial=0)) + 1):
-                if number == len(levels):
-                    levels.append([])
-                members = [name for name, at in zip(names, level, strict=True) if at == number]
-                for name in members:
-                    chosen = [order[candidate] for candidate in finder.find(sketches[name])]
-                    levels[number].append((name, chosen))
-                finder.add([sketches[name] for name in members])
-                order += members
-        return levels
 
     def _encoded(
         self,
-        levels: list[list[tuple[str, list[str | int]]]],
+        levels: list[list[Wish]],
         items: Mapping[str, Prepared],
         scratch: Path,
         tell: Callable[[str, int, int], None],
@@ -240,19 +229,25 @@ class MotionJob:
             key: MotionEncoder(self.families[key.rsplit("-", 1)[0]], model, generation, by_part)
             for key, (generation, model) in self.models.items()
         }
-        wanted = {name for level in levels for _, chosen in level for name in chosen}
+        wanted = {name for level in levels for wish in level for name in wish.references}
         numbers: dict[str, int] = {}
         done, clips = 0, sum(map(len, levels))
         for level in levels:
             work = []
-            for name, chosen in level:
-                known = sorted(
-                    numbers[other] if isinstance(other, str) else other
-                    for other in chosen
+            for wish in level:
+                known = {
+                    other: numbers[other] if isinstance(other, str) else other
+                    for other in wish.references
                     if isinstance(other, int) or other in numbers
+                }
+                order = sorted(known.values())
+                hints = tuple(
+                    Hint(order.index(known[copy.original]), copy.shift, copy.stride)
+                    for copy in wish.copies
+                    if copy.original in known
                 )
-                references = tuple((number, f"{number}.npz") for number in known)
-                work.append((items[name], references, name in wanted))
+                references = tuple((number, f"{number}.npz") for number in order)
+                work.append((items[wish.name], references, wish.name in wanted, hints))
             # a clip's own number is not known yet, so what it leaves goes by its source's digest
             assignments = [
                 Assignment(
@@ -260,8 +255,9 @@ class MotionJob:
                     model_key(item.rig),
                     references,
                     f"{item.digest}-{item.rig_number}.npz" if offered else None,
+                    hints,
                 )
-                for item, references, offered in work
+                for item, references, offered, hints in work
             ]
             batches = [
                 tuple(assignments[at : at + BATCH_CLIPS])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..codec.blocks.leads import Track
 from ..codec.blocks.motionmodel import MotionModel, model_key
 from ..codec.blocks.offered import Reference, reference_of
 from ..codec.blocks.recall import Memory
@@ -17,8 +18,10 @@ from ..codec.errors import ArchiveError, MotifoldError
 from ..codec.figure.rig import Family
 from ..codec.formats.files import read_clip, source_bytes
 from ..codec.geometry.limits import limits_of
+from ..codec.learned.landmarks import Landmarks, landmarks_of
 from ..codec.learned.samples import Sample
 from ..codec.learned.sketch import Sketch, sketch_of
+from ..codec.version2.leadfinding import Hint
 from ..codec.version2.motionencode import MotionEncoder
 from ..codec.version2.motionfile import MotionFile
 from ..codec.version2.motiongoal import goal_of
@@ -37,9 +40,10 @@ CACHED_BYTES = 96 << 20  # of decoded clips that others refer to, which a worker
 
 @dataclass(eq=False)
 class Sketched:
-    """The result of `sketch_batch`: sketches by clip name."""
+    """The result of `sketch_batch`: sketches and landmarks by clip name."""
 
     clips: dict[str, Sketch] = field(default_factory=dict)
+    landmarks: dict[str, Landmarks] = field(default_factory=dict)
     failures: list[Failure] = field(default_factory=list)
 
 
@@ -48,13 +52,15 @@ class Assignment:
     """One clip to encode: what it is, and which clips it is predicted from.
 
     ``references``: (clip number, scratch name) in ascending order; ``scratch``: under which
-    name its own decoded motion is left for others, or None.
+    name its own decoded motion is left for others, or None; ``hints``: where it may go as one
+    of the references.
     """
 
     item: Prepared
     model: str
     references: tuple[tuple[int, str], ...]
     scratch: str | None
+    hints: tuple[Hint, ...] = ()
 
 
 def sketch_batch(
@@ -64,15 +70,18 @@ def sketch_batch(
     out = Sketched()
     for item in batch:
 
-        def sketch(item: Prepared = item) -> Sketch:
+        def sketch(item: Prepared = item) -> tuple[Sketch, Landmarks]:
             clip = read_clip(item.source.path, settings.units)
             family = families[item.rig.family_key]
             goal = goal_of(clip, item.rig, family, limits_of(clip, settings.bounds))
-            return sketch_of(goal.path, goal.nodes, item.rig)
+            return (
+                sketch_of(goal.path, goal.nodes, item.rig),
+                landmarks_of(goal.path, goal.nodes, item.rig),
+            )
 
         made = attempt(item.source.name, out.failures, sketch)
         if made is not None:
-            out.clips[item.source.name] = made
+            out.clips[item.source.name], out.landmarks[item.source.name] = made
     return out
 
 
@@ -86,9 +95,10 @@ def sample_of(item: Prepared, family: Family, settings: Settings) -> Sample:
 
 @dataclass(eq=False)
 class Recalled:
-    """The result of `recall_batch`: sketches by clip number."""
+    """The result of `recall_batch`: sketches and landmarks by clip number."""
 
     clips: dict[int, Sketch] = field(default_factory=dict)
+    landmarks: dict[int, Landmarks] = field(default_factory=dict)
 
 
 def recall_batch(
@@ -115,6 +125,7 @@ def recall_batch(
             save_reference(Path(scratch) / f"{number}.npz", offered)
             whole = np.concatenate(decoded.states)
             out.clips[number] = sketch_of(whole, decoded.nodes, rig)
+            out.landmarks[number] = landmarks_of(whole, decoded.nodes, rig)
     return out
 
 
@@ -137,7 +148,7 @@ def encode_assigned(
             references = [
                 (number, _reference(Path(scratch) / name)) for number, name in work.references
             ]
-            made = encoder.encode(clip, item.rig, item.rig_number, limits, references)
+            made = encoder.encode(clip, item.rig, item.rig_number, limits, references, work.hints)
             if work.scratch is not None:
                 offered = reference_of(made.states, made.nodes, encoder.model)
                 save_reference(Path(scratch) / work.scratch, offered)
@@ -158,6 +169,8 @@ def save_reference(path: Path, reference: Reference) -> None:
         keys=reference.memory.keys,
         follows=reference.memory.follows,
         poses=reference.poses,
+        state=reference.track.state,
+        rows=reference.track.rows,
     )
     partial.replace(path)
 
@@ -173,7 +186,8 @@ def _reference(path: Path) -> Reference:
     try:
         with np.load(path) as arrays:
             memory = Memory(arrays["keys"], arrays["follows"])
-            reference = Reference(memory, arrays["poses"])
+            track = Track(arrays["state"], arrays["rows"])
+            reference = Reference(memory, arrays["poses"], track)
     except (OSError, ValueError, KeyError) as problem:
         raise ArchiveError(
             f"what another worker left cannot be read ({problem})",

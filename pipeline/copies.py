@@ -1,0 +1,115 @@
+"""Which clips of a job may be copies of others, or of parts of them, and from where on.
+
+Clips that share landmarks in the same order and at the same distances are compared frame by frame
+when they are encoded; here is only said which, and the longer one is encoded first.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..codec.learned.landmarks import Landmarks
+
+RADIUS = 4.0  # centimetres between landmarks of copies: noise of all joints together
+NEAREST = 16  # landmarks that are looked at for each one
+LEAST_SHARED = 3  # landmarks, or all that the shorter clip has
+MOST_ORIGINALS = 2  # of a clip
+HIGHEST_LEVEL = 5  # of a copy: those of copies of copies grow
+
+Name = TypeVar("Name", bound=Hashable)
+
+
+class Copy(NamedTuple, Generic[Name]):
+    """A clip that may go as another one.
+
+    ``original``: that one; ``shift``: its frame that the copy's frame 0 is like, or would be;
+    ``stride``: its frames from one of the copy's to the next.
+    """
+
+    original: Name
+    shift: int
+    stride: int
+
+
+def find_copies(clips: Sequence[Landmarks], first: int = 0) -> list[list[Copy[int]]]:
+    """Return what each clip may be a copy of, the likeliest first.
+
+    Clips before ``first`` are archived, so originals only.
+    """
+    ranked: list[list[tuple[int, int, int, int]]] = [[] for _ in clips]
+    lengths = [len(clip.frames) for clip in clips]
+    if sum(lengths) < 2:
+        return [[] for _ in clips]
+    poses = np.concatenate([clip.poses for clip in clips])
+    frames = np.concatenate([clip.frames for clip in clips])
+    owners = np.repeat(np.arange(len(clips)), lengths)
+    near = min(NEAREST, len(poses))
+    _, others = cKDTree(poses).query(poses, k=near, distance_upper_bound=RADIUS)
+    mine, theirs = np.repeat(np.arange(len(poses)), near), np.asarray(others).ravel()
+    known = theirs < len(poses)
+    mine, theirs = mine[known], theirs[known]
+    apart = owners[mine] != owners[theirs]
+    shared: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
+    for own, other in zip(mine[apart].tolist(), theirs[apart].tolist(), strict=True):
+        pair = int(owners[own]), int(owners[other])
+        if _goes_first(clips, pair[1], pair[0], first):
+            shared[pair].append((int(frames[own]), int(frames[other])))
+    for (copy, original), pairs in sorted(shared.items()):
+        stride = _stride(clips[copy], clips[original])
+        if stride is None:
+            continue
+        votes, shift = _agreed(pairs, stride)
+        if votes >= min(LEAST_SHARED, max(lengths[copy], 2)):
+            ranked[copy].append((-votes, original, shift, stride))
+    return [[Copy(*each[1:]) for each in sorted(votes)[:MOST_ORIGINALS]] for votes in ranked]
+
+
+def after_originals(
+    levels: Mapping[str, int], originals: Mapping[str, Sequence[str | int]]
+) -> dict[str, int]:
+    """Return levels at which every clip comes after its originals; those without stay.
+
+    Originals of earlier jobs, which have numbers, come before all. Where that would lead too
+    high, a clip stays where it is.
+    """
+    out = dict(levels)
+    for _ in range(HIGHEST_LEVEL):
+        for name, others in originals.items():
+            above = max((out[each] + 1 for each in others if isinstance(each, str)), default=0)
+            if above <= HIGHEST_LEVEL:
+                out[name] = max(out[name], above)
+    return out
+
+
+def _goes_first(clips: Sequence[Landmarks], one: int, other: int, first: int) -> bool:
+    """Return whether ``other`` may be a copy of ``one``, and not the other way round."""
+    if other < first:
+        return False
+    if one < first:
+        return True
+    # of more frames a second, longer, with less noise, which makes landmarks
+    ranks = [
+        (clip.frame_time, -clip.length, len(clip.frames), number)
+        for number, clip in ((one, clips[one]), (other, clips[other]))
+    ]
+    return ranks[0] < ranks[1]
+
+
+def _stride(copy: Landmarks, original: Landmarks) -> int | None:
+    ratio = copy.frame_time / original.frame_time
+    stride = round(ratio)
+    return stride if stride and abs(ratio / stride - 1.0) < 0.01 else None
+
+
+def _agreed(pairs: Sequence[tuple[int, int]], stride: int) -> tuple[int, int]:
+    """Return how many pairs of frames agree about the shift, and the shift."""
+    shifts = np.array(sorted(theirs - stride * own for own, theirs in pairs))
+    ends = np.searchsorted(shifts, shifts + stride, side="right")
+    at = int((ends - np.arange(len(shifts))).argmax())
+    group = shifts[at : ends[at]]
+    return len(group), int(np.median(group))

@@ -1,0 +1,116 @@
+"""Libraries with copies in them: what is there already costs next to nothing once more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from libraries import short_specs
+
+from motifold.codec.clip import SkeletonClip
+from motifold.codec.formats.bvh import format_bvh
+from motifold.codec.geometry.rotations import about_axis
+from motifold.codec.version2.motionfile import MotionFile
+from motifold.pipeline.archive import Archive
+from motifold.pipeline.executors import SerialExecutor
+from motifold.pipeline.plan import Settings
+from motifold.pipeline.restore import restore_clips
+from motifold.pipeline.run import archive_library
+from motifold.pipeline.verify import verify_archive
+from motifold.workflows.synthetic import synthetic_clip
+
+
+def long_clip() -> SkeletonClip:
+    return synthetic_clip(7, "walk-turn", 1, "normal", 1, seconds=10.0)
+
+
+def turned(clip: SkeletonClip) -> SkeletonClip:
+    """The clip in another place, facing another way."""
+    turn = about_axis(1, np.array(1.2))
+    rotations, translations = clip.rotations.copy(), clip.translations.copy()
+    rotations[:, 0] = turn @ rotations[:, 0]
+    translations[:, 0] = translations[:, 0] @ turn.T + np.array([40.0, 0.0, 250.0])
+    return replace(clip, rotations=rotations, translations=translations)
+
+
+def half_rate(clip: SkeletonClip) -> SkeletonClip:
+    return replace(
+        clip,
+        rotations=clip.rotations[::2],
+        translations=clip.translations[::2],
+        frame_time=2 * clip.frame_time,
+    )
+
+
+COPIES = {
+    "copy_cut.bvh": long_clip().slice(33, 190),
+    "copy_turned.bvh": turned(long_clip()).slice(0, 250),
+}
+LATER = {"later_cut.bvh": long_clip().slice(100, 290)}
+
+
+def sizes(archive: Archive) -> dict[str, int]:
+    return {name: archive[name].path.stat().st_size for name in archive}
+
+
+@pytest.mark.parametrize("streams", ["runs", "parts"])
+def test_copies_of_a_library_cost_next_to_nothing(streams: str, tmp_path: Path) -> None:
+    """In one job and in a later one; and they come back as exact as all others."""
+    library, folder = tmp_path / "library", tmp_path / "archive"
+    library.mkdir()
+    for spec in short_specs(8):
+        (library / f"{spec.name}.bvh").write_bytes(format_bvh(spec.clip()))
+    (library / "long.bvh").write_bytes(format_bvh(long_clip()))
+    for name, clip in COPIES.items():
+        (library / name).write_bytes(format_bvh(clip))
+    settings = Settings(tolerance=0.1, streams=streams)  # type: ignore[arg-type]
+    archive_library(library, folder, settings, workers=0)
+    for name, clip in LATER.items():
+        (library / name).write_bytes(format_bvh(clip))
+    archive_library(library, folder, settings, workers=0)
+    with Archive(folder) as archive:
+        found = sizes(archive)
+        rate = found["long.bvh"] / archive["long.bvh"].frames
+        for name, clip in {**COPIES, **LATER}.items():
+            index = archive[name].index()
+            assert isinstance(index, MotionFile)
+            assert index.led
+            assert found[name] < 0.2 * rate * clip.frames, name
+            assert archive.shelf.depth(index) > 0
+        for name in found.keys() - COPIES.keys() - LATER.keys():
+            index = archive[name].index()
+            assert isinstance(index, MotionFile)
+            assert not index.led
+        engine = SerialExecutor()
+        assert verify_archive(archive, engine=engine, library=library).problems == []
+        restored = restore_clips(archive, [*found], tmp_path / "back", engine=engine)
+        assert not restored.failures
+
+
+def test_without_references_there_are_no_copies(tmp_path: Path) -> None:
+    library, folder = tmp_path / "library", tmp_path / "archive"
+    library.mkdir()
+    (library / "long.bvh").write_bytes(format_bvh(long_clip()))
+    (library / "cut.bvh").write_bytes(format_bvh(COPIES["copy_cut.bvh"]))
+    archive_library(library, folder, Settings(tolerance=0.1, references=0), workers=0)
+    with Archive(folder) as archive:
+        found = sizes(archive)
+        assert found["cut.bvh"] > 0.4 * found["long.bvh"]
+
+
+def test_two_clips_are_enough(tmp_path: Path) -> None:
+    """The original is encoded first, whatever the lots say and whatever the names are."""
+    library = tmp_path / "library"
+    library.mkdir()
+    (library / "a_cut.bvh").write_bytes(format_bvh(half_rate(long_clip())))
+    (library / "b_long.bvh").write_bytes(format_bvh(long_clip()))
+    for seed in range(3):
+        folder = tmp_path / f"archive {seed}"
+        archive_library(library, folder, Settings(tolerance=0.1, seed=seed), workers=0)
+        with Archive(folder) as archive:
+            rates = {archive.rig(clip.row.rig).frame_time for clip in archive.values()}
+            assert len(rates) == 2
+            found = sizes(archive)
+            assert found["a_cut.bvh"] < 0.15 * found["b_long.bvh"]
