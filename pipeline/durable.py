@@ -10,8 +10,8 @@ from pathlib import Path
 
 from ..codec.errors import ArchiveError
 
-NAME_DIGITS = 12
-"""Hexadecimal digits by which ledgers name files; those of earlier motifolds have 16."""
+NAME_DIGITS = 8
+"""Hexadecimal digits by which ledgers name files; those of earlier motifolds have 12 or 16."""
 
 PARTIAL = ".*.part"
 """Files that a crash left half written have names like this."""
@@ -64,12 +64,12 @@ def digest(data: bytes) -> str:
 
 
 def name_of(data: bytes) -> str:
-    """Return what a ledger calls ``data``: the first 12 digits of its digest."""
+    """Return what a ledger calls ``data``: the first 8 digits of its digest."""
     return digest(data)[:NAME_DIGITS]
 
 
 def is_named(data: bytes, name: str) -> bool:
-    """Return whether ``name``, of 12 digits or 16, is the beginning of the digest of ``data``."""
+    """Return whether ``name``, of 8 digits or more, is the beginning of the digest of ``data``."""
     return len(name) >= NAME_DIGITS and digest(data).startswith(name)
 
 

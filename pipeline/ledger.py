@@ -21,8 +21,8 @@ from .durable import NAME_DIGITS, digest, write_whole
 class Row:
     """One archived clip.
 
-    ``index``: name of its index file, the first 12 digits of its digest (all 16 where another
-    file has these, and of earlier motifolds); ``source``: the same of its source bytes;
+    ``index``: name of its index file, the first 8 digits of its digest (all 16 where another
+    file has these; 12 or 16 of earlier motifolds); ``source``: the same of its source bytes;
     ``source_bytes``: their number; ``numbers``: how many of the source's numbers vary (for the
     float32 baseline).
     """
@@ -73,11 +73,7 @@ def write_ledger(path: Path, ledger: Ledger) -> str:
     record = {
         "settings": ledger.settings,
         "clips": {column: [getattr(row, column) for row in ledger.rows] for column in _COLUMNS},
-        "repairs": {
-            row.name: [[repair.place, repair.what] for repair in row.repairs]
-            for row in ledger.rows
-            if row.repairs
-        },
+        "repairs": _repaired_rows(ledger.rows),
         "failures": [[failure.name, failure.reason] for failure in ledger.failures],
         "store": ledger.store,
     }
@@ -100,11 +96,10 @@ def read_ledger(path: Path, expected: str) -> Ledger:
     try:
         record = json.loads(lzma.decompress(data))
         clips = [record["clips"][column] for column in _COLUMNS]
+        repairs = _repairs(record["repairs"], clips[0])
         rows = tuple(
-            Row(**dict(zip(_COLUMNS, values, strict=True)), repairs=_repairs(repairs))
-            for *values, repairs in zip(
-                *clips, (record["repairs"].get(name, ()) for name in clips[0]), strict=True
-            )
+            Row(**dict(zip(_COLUMNS, values, strict=True)), repairs=repairs.get(number, ()))
+            for number, values in enumerate(zip(*clips, strict=True))
         )
         failures = tuple(Failure(name, reason) for name, reason in record["failures"])
         return Ledger(record["settings"], rows, failures, record["store"])
@@ -112,5 +107,24 @@ def read_ledger(path: Path, expected: str) -> Ledger:
         raise DamagedError(f"is not a ledger ({problem})", file=path) from problem
 
 
-def _repairs(pairs: Sequence[Sequence[str]]) -> tuple[Repair, ...]:
-    return tuple(Repair(what, place) for place, what in pairs)
+def _repaired_rows(rows: Sequence[Row]) -> list[list[Any]]:
+    """Return [[place, what] pairs, numbers of rows]: many clips share their repairs."""
+    found: dict[tuple[Repair, ...], list[int]] = {}
+    for number, row in enumerate(rows):
+        if row.repairs:
+            found.setdefault(row.repairs, []).append(number)
+    return [
+        [[[repair.place, repair.what] for repair in repairs], numbers]
+        for repairs, numbers in found.items()
+    ]
+
+
+def _repairs(record: Any, names: Sequence[str]) -> dict[int, tuple[Repair, ...]]:
+    """Return repairs by row number; earlier motifolds kept pairs by clip name."""
+    if isinstance(record, dict):
+        record = [[record[name], [row]] for row, name in enumerate(names) if name in record]
+    return {
+        number: tuple(Repair(what, place) for place, what in pairs)
+        for pairs, numbers in record
+        for number in numbers
+    }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,8 +60,19 @@ def test_plain_tools_can_read_it(tmp_path: Path) -> None:
     write_ledger(path, Ledger({"tolerance": 0.1}, (row("a"),), (Failure("b", "torn"),)))
     record = json.loads(lzma.decompress(path.read_bytes()))
     assert record["clips"]["name"] == ["a"]
-    assert record["repairs"] == {"a": [["line 3", "mended"]]}
+    assert record["repairs"] == [[[["line 3", "mended"]], [0]]]
     assert record["failures"] == [["b", "torn"]]
+
+
+def test_repairs_by_clip_name_of_earlier_motifolds_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "ledger"
+    written = Ledger({}, (row("a"), replace(row("b"), repairs=()), row("c")))
+    write_ledger(path, written)
+    record = json.loads(lzma.decompress(path.read_bytes()))
+    record["repairs"] = {name: [["line 3", "mended"]] for name in "ac"}
+    data = lzma.compress(json.dumps(record).encode())
+    path.write_bytes(data)
+    assert read_ledger(path, digest(data)) == written
 
 
 def test_a_flipped_byte_anywhere_is_found(tmp_path: Path) -> None:
