@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Generic, NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias
 
-from ..codec.learned.landmarks import Landmarks
-from ..codec.learned.sketch import Sketch
 from .copies import Copy, after_originals, find_copies
 from .references import ReferenceFinder, levels_of
+from .traits import Traits
 
 Clip: TypeAlias = str | int
 """A clip of this job by its name, of an earlier one by its number."""
-
-Key = TypeVar("Key", str, int)
-
-
-class Traits(NamedTuple, Generic[Key]):
-    """What is known of some clips before they are encoded: sketches and landmarks."""
-
-    sketches: Mapping[Key, Sketch]
-    landmarks: Mapping[Key, Landmarks]
 
 
 class Wish(NamedTuple):

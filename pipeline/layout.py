@@ -10,8 +10,8 @@ from .durable import folder_bytes
 from .ledger import Ledger, Row, ledger_path, read_ledger
 from .lock import NAME as LOCK
 
-DERIVED = "catalog"
-"""The folder of an archive that can be made again from the rest: the search catalog."""
+CATALOG, TRAITS = DERIVED = "catalog", "traits"
+"""Folders that no clip needs: the search catalog, and what later jobs know of earlier clips."""
 
 
 def index_path(archive: Path, name: str) -> Path:
@@ -21,7 +21,7 @@ def index_path(archive: Path, name: str) -> Path:
 
 def archive_bytes(archive: Path) -> int:
     """Return the size of an archive, in bytes, without what is derived from it or in the way."""
-    total = folder_bytes(archive) - folder_bytes(archive / DERIVED)
+    total = folder_bytes(archive) - sum(folder_bytes(archive / folder) for folder in DERIVED)
     lock = archive / LOCK
     return total - (lock.stat().st_size if lock.exists() else 0)
 

@@ -14,7 +14,6 @@ from ..codec.blocks.startpose import usual_pose
 from ..codec.figure.rig import Family
 from ..codec.geometry.limits import Bounds
 from ..codec.learned.economy import candidate, cheapest, coarsened, priced
-from ..codec.learned.landmarks import Landmarks
 from ..codec.learned.learning import learn
 from ..codec.learned.modelfile import can_store, write_model
 from ..codec.learned.predictorfit import products_of
@@ -23,23 +22,22 @@ from ..codec.learned.sketch import Sketch
 from ..codec.version2.leadfinding import Hint
 from ..codec.version2.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
 from .archive import Archive
-from .assigning import Traits, Wish, assigned
+from .assigning import Wish, assigned
+from .earlier import EarlierClips
 from .executors import Executor, map_batches, one_thread
 from .ledger import Failure
 from .motion_tasks import (
     Assignment,
-    Recalled,
     encode_assigned,
     lost_sketches,
-    recall_batch,
     sample_of,
     sketch_batch,
 )
 from .plan import BATCH_CLIPS, Settings
 from .references import ReferenceFinder
 from .tasks import EncodedBatch, EncodedClip, Prepared, lost_failures
+from .traits import Trait, Traits, write_traits
 
-MOST_EARLIER = 512  # clips of earlier jobs that a job's clips may refer to
 SAMPLE_CLIPS = 240  # that a model is learned from at the most
 LEAST_FRAMES = 400  # fewer are not worth learning from
 SMALL_MODEL = 0.03  # of the archive
@@ -81,40 +79,37 @@ class MotionJob:
         scratch = self.folder / SCRATCH / token_hex(8)
         try:
             began = monotonic()
-            sketches, landmarks = self._sketched(batches, tell)
+            own = self._sketched(batches, tell)
             self.seconds["sketch"] = monotonic() - began
             items = {item.source.name: item for batch in batches for item in batch}
             groups: dict[str, list[str]] = {}
             twins: dict[str, list[str]] = {}
             firsts: dict[tuple[str, int], str] = {}
-            for name in sorted(sketches):
+            for name in sorted(own.sketches):
                 item = items[name]
                 first = firsts.setdefault((item.digest, item.rig_number), name)
                 if first != name:  # the same file once more: it shares the index file
                     twins.setdefault(first, []).append(name)
                     continue
                 groups.setdefault(model_key(items[name].rig), []).append(name)
-            self._learn(groups, items, sketches)
+            self._learn(groups, items, own.sketches)
             self.seconds["learn"] = monotonic() - began - self.seconds["sketch"]
             began = monotonic()
-            earlier = self._recalled(groups, scratch)
-            levels: list[list[Wish]] = []
-            for key, names in groups.items():
-                before = earlier.get(key, Recalled())
-                own = Traits(
-                    {name: sketches[name] for name in names},
-                    {name: landmarks[name] for name in names},
-                )
-                known = Traits(before.clips, before.landmarks)
-                wishes = assigned(own, known, self.settings.references, self.settings.seed)
-                levels += [[] for _ in range(len(wishes) - len(levels))]
-                for level, members in zip(levels, wishes, strict=False):
-                    level += members
-            for item, encoded in self._encoded(levels, items, scratch, tell):
+            models = {key: model for key, (_, model) in self.models.items()}
+            archive = Archive(self.folder) if self.first and groups else None
+            earlier = EarlierClips(self.engine, archive, models, scratch)
+            levels = self._planned(groups, earlier, own)
+            rows: list[str] = []
+            for item, encoded in self._encoded(levels, items, earlier, scratch, tell):
                 yield item, encoded
+                rows.append(encoded.name)
                 for twin in twins.get(encoded.name, ()):
                     self.numbered += 1
                     yield items[twin], replace(encoded, name=twin)
+                    rows.append(twin)
+            if rows:
+                traits = self._traits(rows, own, earlier)
+                write_traits(self.folder, self.generation, rows, traits)
             failed = {failure.name: failure.reason for failure in self.failures}
             for name, others in twins.items():
                 if name in failed:
@@ -123,21 +118,27 @@ class MotionJob:
         finally:
             shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)
 
+    def _traits(self, rows: Sequence[str], own: Traits[str], earlier: EarlierClips) -> list[Trait]:
+        """Return what is to be kept of the job's clips, in the order of their rows."""
+        return [
+            Trait(own.sketches[name], own.landmarks[name], earlier.depths.get(number, 0))
+            for number, name in enumerate(rows, self.first)
+        ]
+
     def _sketched(
         self, batches: Sequence[tuple[Prepared, ...]], tell: Callable[[str, int, int], None]
-    ) -> tuple[dict[str, Sketch], dict[str, Landmarks]]:
-        found: dict[str, Sketch] = {}
-        landmarks: dict[str, Landmarks] = {}
+    ) -> Traits[str]:
+        found = Traits[str]({}, {})
         done, clips = 0, sum(map(len, batches))
         for batch, result in map_batches(
             self.engine, sketch_batch, batches, self.families, self.settings, lost=lost_sketches
         ):
-            found.update(result.clips)
-            landmarks.update(result.landmarks)
+            found.sketches.update(result.clips)
+            found.landmarks.update(result.landmarks)
             self.failures += result.failures
             done += len(batch)
             tell("sketch", done, clips)
-        return found, landmarks
+        return found
 
     def _learn(
         self,
@@ -195,32 +196,30 @@ class MotionJob:
             if not plain_serves or best.costs.sum() < found[0].costs.sum():
                 self.models[key] = self.generation, best.model
 
-    def _recalled(self, groups: Mapping[str, list[str]], scratch: Path) -> dict[str, Recalled]:
-        """Decode clips of earlier jobs for the new ones; return what they are by model key."""
-        found: dict[str, Recalled] = {}
-        if not self.first or not groups:
-            return found
-        archive = Archive(self.folder)
-        keys = {number: model_key(rig) for number, rig in enumerate(archive.store.rigs)}
-        for key in sorted(groups):
-            own = [n for n, row in enumerate(archive.numbered) if keys[row.rig] == key]
-            chosen = own[:: -(-len(own) // MOST_EARLIER)] if own else []
-            batches = [
-                tuple(chosen[at : at + BATCH_CLIPS]) for at in range(0, len(chosen), BATCH_CLIPS)
-            ]
-            models = {key: self.models[key][1]}
-            found[key] = Recalled()
-            for _, result in map_batches(
-                self.engine, recall_batch, batches, archive, models, str(scratch), lost=_none
-            ):
-                found[key].clips.update(result.clips)
-                found[key].landmarks.update(result.landmarks)
-        return found
+    def _planned(
+        self, groups: Mapping[str, list[str]], earlier: EarlierClips, own: Traits[str]
+    ) -> list[list[Wish]]:
+        """Return, per level, clips with those that they refer to; earlier ones are decoded."""
+        levels: list[list[Wish]] = []
+        for key, names in groups.items():
+            members = Traits(
+                {name: own.sketches[name] for name in names},
+                {name: own.landmarks[name] for name in names},
+            )
+            most, seed = self.settings.references, self.settings.seed
+            wishes = assigned(members, earlier.traits(key), most, seed)
+            levels += [[] for _ in range(len(wishes) - len(levels))]
+            for level, more in zip(levels, wishes, strict=False):
+                level += more
+            named = {each for level in wishes for wish in level for each in wish.references}
+            earlier.recall(key, {each for each in named if isinstance(each, int)})
+        return levels
 
     def _encoded(
         self,
         levels: list[list[Wish]],
         items: Mapping[str, Prepared],
+        earlier: EarlierClips,
         scratch: Path,
         tell: Callable[[str, int, int], None],
     ) -> Iterator[tuple[Prepared, EncodedClip]]:
@@ -231,6 +230,7 @@ class MotionJob:
         }
         wanted = {name for level in levels for wish in level for name in wish.references}
         numbers: dict[str, int] = {}
+        referred: dict[str, list[int]] = {}
         done, clips = 0, sum(map(len, levels))
         for level in levels:
             work = []
@@ -238,7 +238,7 @@ class MotionJob:
                 known = {
                     other: numbers[other] if isinstance(other, str) else other
                     for other in wish.references
-                    if isinstance(other, int) or other in numbers
+                    if (other in earlier.ready if isinstance(other, int) else other in numbers)
                 }
                 order = sorted(known.values())
                 hints = tuple(
@@ -248,6 +248,7 @@ class MotionJob:
                 )
                 references = tuple((number, f"{number}.npz") for number in order)
                 work.append((items[wish.name], references, wish.name in wanted, hints))
+                referred[wish.name] = order
             # a clip's own number is not known yet, so what it leaves goes by its source's digest
             assignments = [
                 Assignment(
@@ -278,17 +279,14 @@ class MotionJob:
                     number = self.first + self.numbered
                     self.numbered += 1
                     numbers[encoded.name] = number
+                    below = [earlier.depths[other] for other in referred[encoded.name]]
+                    earlier.depths[number] = 1 + max(below, default=-1)
                     left = scratch / f"{item.digest}-{item.rig_number}.npz"
                     if left.exists():
                         left.replace(scratch / f"{number}.npz")
                     yield item, encoded
                 done += len(batch)
                 tell("encode", done, clips)
-
-
-def _none(numbers: Sequence[int]) -> Recalled:
-    del numbers
-    return Recalled()
 
 
 def _lost(batch: Sequence[Assignment]) -> EncodedBatch:

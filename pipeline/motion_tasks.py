@@ -95,10 +95,11 @@ def sample_of(item: Prepared, family: Family, settings: Settings) -> Sample:
 
 @dataclass(eq=False)
 class Recalled:
-    """The result of `recall_batch`: sketches and landmarks by clip number."""
+    """The result of `recall_batch`: sketches, landmarks and depths by clip number."""
 
     clips: dict[int, Sketch] = field(default_factory=dict)
     landmarks: dict[int, Landmarks] = field(default_factory=dict)
+    depths: dict[int, int] = field(default_factory=dict)
 
 
 def recall_batch(
@@ -118,7 +119,10 @@ def recall_batch(
         with suppress(MotifoldError):
             file = read_index(index_path(archive.path, rows[number].index))
             rig = archive.rig(rows[number].rig)
-            if not isinstance(file, MotionFile) or archive.shelf.depth(file) >= DEEPEST_REFERENCE:
+            if not isinstance(file, MotionFile):
+                continue
+            depth = archive.shelf.depth(file)
+            if depth >= DEEPEST_REFERENCE:
                 continue
             decoded = archive.shelf.states(file, rig)
             offered = reference_of(decoded.states, decoded.nodes, models[model_key(rig)])
@@ -126,6 +130,7 @@ def recall_batch(
             whole = np.concatenate(decoded.states)
             out.clips[number] = sketch_of(whole, decoded.nodes, rig)
             out.landmarks[number] = landmarks_of(whole, decoded.nodes, rig)
+            out.depths[number] = depth
     return out
 
 

@@ -20,7 +20,7 @@ from .commit import Commit, Job, publish, read_or_start
 from .discover import discover
 from .durable import NAME_DIGITS, PARTIAL, digest, name_of, sync, write_whole
 from .executors import Executor, executor, map_batches, one_thread
-from .layout import archive_bytes, current_rows, index_path, read_ledgers
+from .layout import TRAITS, archive_bytes, current_rows, index_path, read_ledgers
 from .ledger import Ledger, Row, ledger_path, write_ledger
 from .lock import writer_lock
 from .motion_job import SCRATCH, MotionJob
@@ -140,8 +140,9 @@ class _Job:
         for path in (self.folder / "clips").glob("*/*"):
             if path not in published:
                 path.unlink()
-        for path in (*self.folder.glob(PARTIAL), *self.folder.glob(f"ledger/{PARTIAL}")):
-            path.unlink()
+        for place in (".", "ledger", TRAITS):
+            for path in (self.folder / place).glob(PARTIAL):
+                path.unlink()
 
     def _cluster(self, batches: list[tuple[Prepared, ...]], store: Store) -> None:
         """Segment in parallel, then let each family's patterns grow, a round at a time."""

@@ -36,7 +36,7 @@ from motifold.codec.errors import DamagedError, UnknownClipError, UsageError, Ve
 from motifold.codec.formats.bvh import format_bvh
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.executors import SerialExecutor
-from motifold.pipeline.layout import DERIVED, archive_bytes
+from motifold.pipeline.layout import CATALOG, archive_bytes
 from motifold.pipeline.ledger import Row
 from motifold.pipeline.plan import Settings
 from motifold.pipeline.run import archive_library
@@ -55,7 +55,7 @@ def archive(small_archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 def test_the_pipeline_and_the_catalog_agree_on_the_folder() -> None:
-    assert FOLDER == DERIVED
+    assert FOLDER == CATALOG
 
 
 def test_the_catalog_is_not_counted_as_archive(archive: Path, small_archive: Path) -> None:

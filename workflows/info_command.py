@@ -42,7 +42,7 @@ def info(
 def archive_record(archive: Archive) -> dict[str, Any]:
     """Return what is known of an archive, JSON-serialisable; sizes in bytes, times in seconds."""
     from ..pipeline.durable import folder_bytes
-    from ..pipeline.layout import DERIVED, archive_bytes
+    from ..pipeline.layout import CATALOG, TRAITS, archive_bytes
 
     rows = [row for row, _ in archive.rows.values()]
     rigs = archive.store.rigs
@@ -67,7 +67,8 @@ def archive_record(archive: Archive) -> dict[str, Any]:
         "source_bytes": sum(row.source_bytes for row in rows),
         "float32_bytes": sum(4 * row.numbers for row in rows),
         "archive_bytes": archive_bytes(archive.path),
-        "catalog_bytes": folder_bytes(archive.path / DERIVED),
+        "catalog_bytes": folder_bytes(archive.path / CATALOG),
+        "traits_bytes": folder_bytes(archive.path / TRAITS),
         "rigs": len(rigs),
         "families": families,
         "repaired_clips": repaired,
@@ -126,6 +127,7 @@ def _show_archive(record: dict[str, Any], json: bool) -> None:
             ["float32 of what varies", show_bytes(record["float32_bytes"])],
             ["archive", show_bytes(record["archive_bytes"])],
             ["search catalog, beside it", show_bytes(record["catalog_bytes"])],
+            ["for later jobs, beside it", show_bytes(record["traits_bytes"])],
             ["source : archive", show_ratio(record["source_bytes"], record["archive_bytes"])],
             ["float32 : archive", show_ratio(record["float32_bytes"], record["archive_bytes"])],
         ]
