@@ -235,10 +235,12 @@ def read_batch(folder: Path, record: BatchRecord) -> Batch:
             if (path / name).stat().st_size != file.size:
                 raise ValueError(f"the size of {name} has changed")
         clips: Mapping[str, Any] = json.loads((path / "clips.json").read_text("utf-8"))
-        arrays = {name: np.load(path / f"{name}.npy", mmap_mode="r") for name in ARRAYS}
+        arrays = {  # plain arrays on the mapped bytes: slices of np.memmap are slow
+            name: np.asarray(np.load(path / f"{name}.npy", mmap_mode="r")) for name in ARRAYS
+        }
     except (OSError, ValueError, KeyError, EOFError) as problem:
         raise DamagedError(f"cannot be read ({problem})", file=path, advice=REBUILD) from problem
-    starts, term_starts = np.asarray(arrays["starts"]), np.asarray(arrays["term_starts"])
+    starts, term_starts = arrays["starts"], arrays["term_starts"]
     whole = (
         len(starts) == len(clips["names"]) + 1
         and arrays["words"].shape == (starts[-1], len(COLUMNS))
@@ -261,7 +263,7 @@ def read_batch(folder: Path, record: BatchRecord) -> Batch:
         clips["rigs"],
         arrays["words"],
         starts,
-        np.asarray(arrays["amplitudes"]),
-        np.asarray(arrays["spans"]),
+        arrays["amplitudes"],
+        arrays["spans"],
         postings,
     )

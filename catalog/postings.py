@@ -24,6 +24,7 @@ PASSAGE_STEP = 60
 TERMS_A_PART = 256
 TERMS = TERMS_A_PART * len(PARTS)
 """A term is a word of a part: the part's number times 256, and the word's."""
+_FIRST_TERMS = np.arange(len(PARTS)) * TERMS_A_PART
 LEAST_SHARE = 0.01  # of a part's words: what counts less is left out
 SCALE = 255  # of stored weights
 _CHUNK = 2048  # passages counted at a time
@@ -53,7 +54,7 @@ class Postings:
         self, terms: IntArray, factors: npt.NDArray[np.float32], out: npt.NDArray[np.float32]
     ) -> None:
         """Add to each passage's score (passages,) its weight of each term, times the factor."""
-        all_passages, all_weights = np.asarray(self.passages), np.asarray(self.weights)
+        all_passages, all_weights = self.passages, self.weights
         for term, factor in zip(terms.tolist(), factors, strict=True):
             span = slice(self.starts[term], self.starts[term + 1])
             passages, weights = all_passages[span], all_weights[span]
@@ -97,16 +98,17 @@ def shares(
     owner = np.repeat(np.arange(len(counts)), counts)
     sample = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     sample += np.repeat(firsts, counts)
-    out = np.zeros((len(counts), TERMS), np.float32)
+    place = owner[:, None] * TERMS + _FIRST_TERMS + words[sample, : len(PARTS)]
+    hard = np.bincount(place.ravel(), minlength=len(counts) * TERMS)
+    hard = hard.reshape(len(counts), len(PARTS), TERMS_A_PART)
+    hard[:, :, NO_WORD] = 0
+    totals = np.maximum(hard.sum(axis=2, keepdims=True), 1)
+    out = np.zeros(hard.shape, np.float32)
     for part, soft in enumerate(softness):
-        said = words[sample, part]
-        known = said != NO_WORD
-        place = owner[known] * len(soft) + said[known]
-        hard = np.bincount(place, minlength=len(counts) * len(soft)).reshape(len(counts), -1)
-        some = (hard / np.maximum(hard.sum(axis=1, keepdims=True), 1)) @ soft
+        some = (hard[:, part, : len(soft)] / totals[:, part]) @ soft
         some[some < LEAST_SHARE] = 0.0
-        out[:, part * TERMS_A_PART : part * TERMS_A_PART + len(soft)] = some
-    return out
+        out[:, part, : len(soft)] = some
+    return out.reshape(len(counts), TERMS)
 
 
 def softness_of(vocabulary: Vocabulary, sizes: dict[str, int]) -> list[FloatArray]:

@@ -110,7 +110,7 @@ def search(
     spans: dict[int, tuple[int, int]] = {}
     if mode == "windows":
         find = warped_inside if rerank == "dtw" else slid_inside
-        said = [np.asarray(catalog.words(clip)) for clip in clips.tolist()]
+        said = [catalog.words(clip) for clip in clips.tolist()]
         distances, firsts, lasts = find(query.words, said, catalog.table, weights)
         order = -distances
         spans = dict(

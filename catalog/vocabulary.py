@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -160,22 +161,25 @@ class Vocabulary:
         The root of the summed variances of the postures that ``words`` (samples, columns) name;
         clips begin at ``starts`` (clips + 1,). 0 where a clip lacks the part.
         """
-        owner = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
         out = np.zeros((len(starts) - 1, len(POSTURE_COLUMNS)), np.float32)
-        for place, column in enumerate(POSTURE_COLUMNS):
-            centres = self.centres.get(kind_of(column))
-            said = np.asarray(words[:, COLUMNS.index(column)])
+        postures = np.arange(len(POSTURE_COLUMNS))
+        for clip, (first, last) in enumerate(pairwise(starts.tolist())):
+            said = words[first:last, len(PARTS) :]
             known = said != NO_WORD
-            if centres is None or not known.any():
-                continue
-            points, clip = centres[said[known]], owner[known]
-            count = np.maximum(np.bincount(clip, minlength=len(out)), 1)
-            variance = np.zeros(len(out))
-            for axis in points.T:
-                mean = np.bincount(clip, axis, minlength=len(out)) / count
-                gaps = np.square(axis - mean[clip])
-                variance += np.bincount(clip, gaps, minlength=len(out)) / count
-            out[:, place] = np.sqrt(variance)
+            counts = np.maximum(known.sum(axis=0), 1)
+            points = self._places[postures, said]
+            points -= points.sum(axis=0) / counts[:, None]
+            squares = np.einsum("spa,spa,sp->p", points, points, known)
+            out[clip] = np.sqrt(squares / counts)
+        return out
+
+    @cached_property
+    def _places(self) -> FloatArray:
+        """(postures, 256, axes) the centre of every word of `POSTURE_COLUMNS`; 0 for no word."""
+        found = [self.centres.get(kind_of(column), np.zeros((0, 0))) for column in POSTURE_COLUMNS]
+        out = np.zeros((len(found), NO_WORD + 1, max(each.shape[1] for each in found)))
+        for number, centres in enumerate(found):
+            out[number, : len(centres), : centres.shape[1]] = centres
         return out
 
     def mirrored(self, words: Words) -> Words:
