@@ -20,7 +20,7 @@ from ..pipeline.archive import Archive
 from .bodysignals import RATE, faced, resampled
 from .catalogfolder import Catalog
 from .framewarp import warped_frames
-from .search import Query, best_clips, clip_scores, column_weights, part_weights
+from .search import POSTURE_SHARE, Query, best_clips, clip_scores, column_weights, part_weights
 from .wordwarp import slid_inside
 
 NOISE = 0.4  # centimetres that copies may differ by on average, beside their certified errors
@@ -88,16 +88,16 @@ def candidates(catalog: Catalog, number: int) -> Iterator[tuple[int, bool]]:
     """Yield the clips that a clip could be the same as, and whether mirrored."""
     words = catalog.words(number)
     for mirrored in (False, True):
-        said = catalog.vocabulary.mirrored(words) if mirrored else np.asarray(words)
+        said = catalog.vocabulary.mirrored(words) if mirrored else words
         query = Query(said, own=number)
         parts = part_weights(query)
-        weights = column_weights(parts, "windows")
+        weights = column_weights(parts, POSTURE_SHARE["windows", "none"])
         chosen: set[int] = set()
         for mode in ("whole", "windows"):
             scores = clip_scores(catalog, query, parts, mode)
             chosen.update(best_clips(scores, NEAR)[0].tolist())
         for other in sorted(chosen):
-            pair = said, np.asarray(catalog.words(other))
+            pair = said, catalog.words(other)
             short, long = sorted(pair, key=len)
             if slid_inside(short, [long], catalog.table, weights)[0][0] <= ALIKE:
                 yield other, mirrored

@@ -21,6 +21,7 @@ from ..codec.errors import UsageError
 from .catalogfolder import Catalog
 from .framewarp import warped_frames
 from .search import (
+    POSTURE_SHARE,
     Query,
     best_clips,
     clip_scores,
@@ -170,7 +171,7 @@ def index_ranks(catalog: Catalog, numbers: IntArray, rerank: bool) -> Ranks:
     def rank(query: int) -> FloatArray:
         asked = Query(catalog.words(int(numbers[query])), own=int(numbers[query]))
         parts = part_weights(asked)
-        weights = column_weights(parts, "whole")
+        weights = column_weights(parts, POSTURE_SHARE["whole", "dtw"])
         scores = clip_scores(catalog, asked, parts, "whole")[numbers]
         if not rerank:
             return scores

@@ -29,7 +29,13 @@ CANDIDATES = 300  # clips that are compared word by word
 LOOKED_UP = 0.7  # of what the query's words tell; the rest is in the longest lists
 WARP_WEIGHT = 0.4  # of the warped distance, in medians of the candidates, beside the postings
 AMPLITUDE = 75.0  # centimetres of difference in how far parts move that cost a score of 1
-POSTURE_SHARE = {"whole": 0.5, "windows": 1.0}  # of a distance; the rest is movement
+POSTURE_SHARE: Mapping[tuple[Mode, Rerank], float] = {
+    ("whole", "dtw"): 0.5,
+    ("whole", "none"): 0.5,
+    ("windows", "dtw"): 0.9,  # a little movement says which way a body moves through a posture
+    ("windows", "none"): 1.0,
+}
+"""Of a distance; the rest is movement."""
 MOST_SAMPLES = 600  # longer clips are compared at every second, third … sample
 
 
@@ -102,7 +108,7 @@ def search(
     of spans compared without warping). Raises `UsageError` for a query without words.
     """
     parts = part_weights(query)
-    weights = column_weights(parts, mode)
+    weights = column_weights(parts, POSTURE_SHARE[mode, rerank])
     scores = clip_scores(catalog, query, parts, mode)
     clips, order = best_clips(
         scores, max(CANDIDATES, top) if rerank == "dtw" or mode == "windows" else top
@@ -147,9 +153,12 @@ def part_weights(query: Query) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def column_weights(weights: FloatArray, mode: Mode) -> FloatArray:
-    """Return how much movements and postures count (columns,), from the weights of parts."""
-    movements, share = OWNERS[: len(PARTS)], POSTURE_SHARE[mode]
+def column_weights(weights: FloatArray, share: float) -> FloatArray:
+    """Return how much movements and postures count (columns,), from the weights of parts.
+
+    ``share``: how much of a part's weight its postures have.
+    """
+    movements = OWNERS[: len(PARTS)]
     postures = OWNERS[len(PARTS) :]
     shared = (weights / np.bincount(postures))[postures]  # by all postures of a part
     return np.concatenate([(1.0 - share) * weights[movements], share * shared])

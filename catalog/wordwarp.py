@@ -133,9 +133,11 @@ def _costs(
     """Return (query, clips, longest + room) distances of samples, ``beyond`` after a clip's end."""
     said, lengths = np.concatenate(clips), _lengths(clips)
     gaps = np.zeros((len(said), len(query)), np.float32)
+    some = np.empty_like(gaps)
     for column in np.flatnonzero(weights):
         near = np.float32(weights[column]) * table[column][:, query[:, column]]
-        gaps += near[said[:, column]]
+        np.take(near, said[:, column], axis=0, out=some, mode="clip")  # words are bytes
+        gaps += some
     out = np.full((len(query), len(clips), int(lengths.max(initial=0)) + room), beyond, np.float32)
     owner = np.repeat(np.arange(len(clips)), lengths)
     out[:, owner, np.arange(len(said)) - np.repeat(np.cumsum(lengths) - lengths, lengths)] = gaps.T

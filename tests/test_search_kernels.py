@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from motifold.catalog.bodysignals import PARTS
 from motifold.catalog.framewarp import frame_distances, warped_frames, warped_span, warping_path
@@ -17,6 +18,7 @@ from motifold.catalog.postings import (
     make_postings,
     passages_of,
 )
+from motifold.catalog.search import column_weights
 from motifold.catalog.vocabulary import COLUMNS, NO_WORD, Words
 from motifold.catalog.wordwarp import slid_inside, warped, warped_inside, warped_path
 
@@ -153,6 +155,17 @@ def cheapest_path(cost: np.ndarray) -> list[tuple[int, int]]:
         }
         i, j = min(sources, key=sources.__getitem__)
     return path
+
+
+@given(arrays(np.float64, len(PARTS), elements=st.floats(0, 1)), st.floats(0, 1))
+def test_a_part_counts_what_it_weighs_and_its_postures_their_share(
+    parts: np.ndarray, share: float
+) -> None:
+    weights = dict(zip(COLUMNS, column_weights(parts, share), strict=True))
+    for part, weight in zip(PARTS, parts, strict=True):
+        postures = [weights[column] for column in COLUMNS if column.startswith(f"{part}_")]
+        assert np.isclose(weights[part], (1 - share) * weight)
+        assert np.allclose(postures, share * weight / len(postures))
 
 
 def test_a_clip_too_short_to_warp_is_infinitely_far() -> None:
