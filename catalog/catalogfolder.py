@@ -4,29 +4,27 @@
 
     ARCHIVE/catalog/CATALOG.json          what is current; replaced atomically
     ARCHIVE/catalog/vocabulary-000001.npz
-    ARCHIVE/catalog/000001/clips.json     a batch of clips: names, seconds, index files, rigs
-    ARCHIVE/catalog/000001/*.npy          its words, passages and postings
+    ARCHIVE/catalog/000001/batch.npz      a small batch of clips, compressed
+    ARCHIVE/catalog/000002/clips.json     a large one: names, seconds, index files, rigs
+    ARCHIVE/catalog/000002/*.npy          its words, passages and postings
 
 All of it is derived from the archive and can be made again. It must open in a moment, so
-nothing here imports the pipeline, arrays are mapped rather than read, and files are checked by
-their size; `catalogcheck.check_catalog` checks every byte.
+nothing here imports the pipeline, large arrays are mapped rather than read, and files are
+checked by their size; `catalogcheck.check_catalog` checks every byte.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
 from ..codec.clip import FloatArray, IntArray
 from ..codec.errors import DamagedError
+from .batchfile import UNREADABLE, read_packed, unpack
 from .bodysignals import PARTS
 from .catalogrecord import (
     FOLDER,
@@ -38,8 +36,6 @@ from .catalogrecord import (
 )
 from .postings import TERMS, Postings, rareness, softness_of
 from .vocabulary import COLUMNS, POSTURE_COLUMNS, Vocabulary, Words, kind_of
-
-ARRAYS = ("words", "starts", "amplitudes", "spans", "term_starts", "postings", "weights", "norms")
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,24 +217,20 @@ def read_vocabulary(archive: Path, record: CatalogRecord) -> Vocabulary:
     try:
         if path.stat().st_size != record.vocabulary_file.size:
             raise ValueError("its size has changed")
-        with np.load(path) as arrays:
-            return Vocabulary.from_arrays(dict(arrays))
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as problem:
+        return Vocabulary.from_arrays(read_packed(path))
+    except UNREADABLE as problem:
         raise DamagedError(f"cannot be read ({problem})", file=path, advice=REBUILD) from problem
 
 
 def read_batch(folder: Path, record: BatchRecord) -> Batch:
-    """Return a batch, its arrays mapped into memory. Raises `DamagedError`."""
+    """Return a batch; of a large one, the arrays are mapped. Raises `DamagedError`."""
     path = folder / record.folder
     try:
         for name, file in record.files.items():
             if (path / name).stat().st_size != file.size:
                 raise ValueError(f"the size of {name} has changed")
-        clips: Mapping[str, Any] = json.loads((path / "clips.json").read_text("utf-8"))
-        arrays = {  # plain arrays on the mapped bytes: slices of np.memmap are slow
-            name: np.asarray(np.load(path / f"{name}.npy", mmap_mode="r")) for name in ARRAYS
-        }
-    except (OSError, ValueError, KeyError, EOFError) as problem:
+        clips, arrays = unpack(path, record.files)
+    except UNREADABLE as problem:
         raise DamagedError(f"cannot be read ({problem})", file=path, advice=REBUILD) from problem
     starts, term_starts = arrays["starts"], arrays["term_starts"]
     whole = (

@@ -15,7 +15,8 @@ from ..codec.errors import DamagedError, NotAnArchiveError, VersionError
 
 FOLDER = "catalog"
 NAME = "CATALOG.json"
-FORMAT = 2
+FORMAT = 3
+READABLE = 2, 3  # of 2, every batch is large
 REBUILD = "Make it again with: motifold index --rebuild"
 
 
@@ -60,7 +61,7 @@ def read_record(archive: Path) -> CatalogRecord | None:
     path = archive / FOLDER / NAME
     try:
         record = json.loads(path.read_text("utf-8"))
-        if record["format"] != FORMAT:
+        if record["format"] not in READABLE:
             written = record["format"]
             raise VersionError(
                 f"catalog format {written}; this motifold reads {FORMAT}",

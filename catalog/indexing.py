@@ -8,7 +8,6 @@ says which batches count.
 from __future__ import annotations
 
 import io
-import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -22,8 +21,9 @@ from ..codec.errors import ArchiveError, MotifoldError
 from ..pipeline.archive import Archive
 from ..pipeline.durable import digest, sync, write_whole, writing
 from ..pipeline.executors import Executor, map_batches, one_thread
+from .batchfile import ARRAYS, pack
 from .bodysignals import Signals, body_signals
-from .catalogfolder import ARRAYS, read_batch, read_vocabulary
+from .catalogfolder import read_batch, read_vocabulary
 from .catalogrecord import (
     FOLDER,
     NAME,
@@ -228,11 +228,7 @@ def _write_batch(
     values = words, starts, far, spans, made.starts, made.passages, made.weights, made.norms
     records = {"names": names, "index": index, "rigs": rigs, "seconds": seconds}
     folder = place / name
-    files = {"clips.json": json.dumps(records, separators=(",", ":")).encode()}
-    for array, value in zip(ARRAYS, values, strict=True):
-        data = io.BytesIO()
-        np.save(data, np.asarray(value))
-        files[f"{array}.npy"] = data.getvalue()
+    files = pack(records, dict(zip(ARRAYS, values, strict=True)))
     with writing(folder):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)

@@ -10,21 +10,25 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from libraries import CLIPS, copied, short_specs, tree, write_clips
 from test_cli import ran, refused, said
 
+from motifold.catalog.batchfile import ARRAYS, PACKED
+from motifold.catalog.batchfile import CLIPS as CLIPS_FILE
 from motifold.catalog.bodysignals import PARTS
 from motifold.catalog.catalogcheck import check_catalog
-from motifold.catalog.catalogfolder import Catalog
+from motifold.catalog.catalogfolder import Catalog, read_batch, read_vocabulary
 from motifold.catalog.catalogrecord import FOLDER, NAME, read_record
 from motifold.catalog.duplicates import find_duplicates
 from motifold.catalog.evaluate import label_task, measure, ranking_figures, read_labels
@@ -179,7 +183,7 @@ def test_search_goes_on_over_what_is_whole(tmp_path: Path, archive: Path) -> Non
     names = write_clips(library, short_specs(2, start=CLIPS))
     archive_library(library, folder, workers=0)
     indexed(folder)
-    lost = folder / FOLDER / "000001" / "words.npy"
+    lost = folder / FOLDER / "000001" / PACKED
     lost.write_bytes(lost.read_bytes()[:-100])
     code, out = ran("search", folder, names[0], "--json")
     assert code == 3
@@ -270,6 +274,50 @@ def test_a_catalog_of_an_older_format_says_what_to_do(archive: Path, tmp_path: P
         Catalog(folder)
     assert indexed(folder).new == CLIPS
     assert len(Catalog(folder)) == CLIPS
+
+
+def test_a_large_batch_lies_open_and_finds_the_same(
+    archive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(archive, tmp_path / "archive")
+    monkeypatch.setattr("motifold.catalog.batchfile.MOST_PACKED", 0)
+    indexed(folder, rebuild=True)
+    files = {path.name for path in (folder / FOLDER / "000001").iterdir()}
+    assert files == {CLIPS_FILE, *(f"{name}.npy" for name in ARRAYS)}
+    small, large = Catalog(archive), Catalog(folder)
+    for name in small.names[:3]:
+        found = [search(each, ask(each, name).query, top=50) for each in (small, large)]
+        assert found[0] == found[1]
+    with Archive(folder) as opened:
+        assert check_catalog(folder, opened, decode=True) == []
+    record = json.loads((folder / FOLDER / NAME).read_text())
+    (folder / FOLDER / NAME).write_text(json.dumps({**record, "format": 2}))
+    assert Catalog(folder).names == small.names  # the format before had no others
+
+
+@given(st.randoms(use_true_random=False))
+@settings(deadline=None, max_examples=100)
+def test_damage_of_a_packed_file_is_told_or_changes_no_batch(archive: Path, random: Random) -> None:
+    record = read_record(archive)
+    assert record is not None
+    batch = record.batches[0]
+    path = archive / FOLDER / random.choice((record.vocabulary, f"{batch.folder}/{PACKED}"))
+    whole = path.read_bytes()
+    spoilt = bytearray(whole)
+    for _ in range(random.randint(1, 3)):
+        ends = random.choice((random.randrange(len(whole)), -1 - random.randrange(400)))
+        spoilt[ends] = random.randrange(256)
+    before = read_batch(archive / FOLDER, batch)
+    path.write_bytes(spoilt)
+    try:
+        with suppress(DamagedError):
+            read_vocabulary(archive, record)
+            after = read_batch(archive / FOLDER, batch)
+            assert after.keys == before.keys
+            assert np.array_equal(after.words, before.words)
+            assert np.array_equal(after.postings.weights, before.postings.weights)
+    finally:
+        path.write_bytes(whole)
 
 
 def test_equal_sources_are_found_whatever_digits_their_rows_have() -> None:
