@@ -22,7 +22,7 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 ARRAYS = ("words", "starts", "amplitudes", "spans", "term_starts", "postings", "weights", "norms")
 CLIPS = "clips.json"
 PACKED = "batch.npz"
-MOST_PACKED = 8_000_000  # bytes of arrays, of some 5,000 clips: inflated in 25 ms
+MOST_PACKED = 8_000_000  # bytes of arrays, of some 5,000 clips: inflated in 30 ms
 UNREADABLE = (
     *(OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error),
     *(NotImplementedError, RuntimeError),  # what zipfile says of a damaged head
