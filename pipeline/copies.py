@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from ..codec.learned.landmarks import Landmarks
 
-RADIUS = 4.0  # centimetres between landmarks of copies: noise of all joints together
+RADIUS = 2.0  # centimetres between landmarks of copies: noise of all joints together
 NEAREST = 16  # landmarks that are looked at for each one
 LEAST_SHARED = 3  # landmarks, or all that the shorter clip has
 MOST_ORIGINALS = 2  # of a clip
