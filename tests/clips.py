@@ -279,3 +279,30 @@ def leads_among(seed: int, references: int, frames: int) -> tuple[Lead, ...]:
         move = tuple(rng.integers(-(10**6), 10**6, 6).tolist()) if rng.integers(2) else None
         leads.append(Lead(reference, first, stop - first, start, stride, move))
     return tuple(leads)
+
+
+def noisy(clip: SkeletonClip, degrees: float) -> SkeletonClip:
+    """Return the same clip with noise in every joint and frame."""
+    rng = np.random.default_rng(0)
+    count = clip.frames * clip.skeleton.joints
+    off = Rotation.from_rotvec(np.radians(degrees) * rng.normal(size=(count, 3))).as_matrix()
+    return replace(clip, rotations=clip.rotations @ off.reshape(clip.rotations.shape))
+
+
+def elsewhere(clip: SkeletonClip) -> SkeletonClip:
+    """Return the same motion turned by two radians about y, then moved by (300, 0, -50) cm."""
+    turn = Rotation.from_rotvec([0.0, 2.0, 0.0]).as_matrix()
+    rotations, translations = clip.rotations.copy(), clip.translations.copy()
+    rotations[:, 0] = turn @ rotations[:, 0]
+    translations[:, 0] = translations[:, 0] @ turn.T + np.array([300.0, 0.0, -50.0])
+    return replace(clip, rotations=rotations, translations=translations)
+
+
+def every_second(clip: SkeletonClip, first: int = 0) -> SkeletonClip:
+    """Return every second frame of a clip, at half its frame rate."""
+    return replace(
+        clip,
+        rotations=clip.rotations[first::2],
+        translations=clip.translations[first::2],
+        frame_time=2 * clip.frame_time,
+    )

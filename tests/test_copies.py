@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
+from clips import elsewhere, every_second
 from libraries import short_specs
 
 from motifold.codec.clip import SkeletonClip
 from motifold.codec.formats.bvh import format_bvh
-from motifold.codec.geometry.rotations import about_axis
 from motifold.codec.version2.motionfile import MotionFile
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.executors import SerialExecutor
@@ -26,27 +24,9 @@ def long_clip() -> SkeletonClip:
     return synthetic_clip(7, "walk-turn", 1, "normal", 1, seconds=10.0)
 
 
-def turned(clip: SkeletonClip) -> SkeletonClip:
-    """The clip in another place, facing another way."""
-    turn = about_axis(1, np.array(1.2))
-    rotations, translations = clip.rotations.copy(), clip.translations.copy()
-    rotations[:, 0] = turn @ rotations[:, 0]
-    translations[:, 0] = translations[:, 0] @ turn.T + np.array([40.0, 0.0, 250.0])
-    return replace(clip, rotations=rotations, translations=translations)
-
-
-def half_rate(clip: SkeletonClip) -> SkeletonClip:
-    return replace(
-        clip,
-        rotations=clip.rotations[::2],
-        translations=clip.translations[::2],
-        frame_time=2 * clip.frame_time,
-    )
-
-
 COPIES = {
     "copy_cut.bvh": long_clip().slice(33, 190),
-    "copy_turned.bvh": turned(long_clip()).slice(0, 250),
+    "copy_turned.bvh": elsewhere(long_clip()).slice(0, 250),
 }
 LATER = {"later_cut.bvh": long_clip().slice(100, 290)}
 
@@ -104,7 +84,7 @@ def test_two_clips_are_enough(tmp_path: Path) -> None:
     """The original is encoded first, whatever the lots say and whatever the names are."""
     library = tmp_path / "library"
     library.mkdir()
-    (library / "a_cut.bvh").write_bytes(format_bvh(half_rate(long_clip())))
+    (library / "a_cut.bvh").write_bytes(format_bvh(every_second(long_clip())))
     (library / "b_long.bvh").write_bytes(format_bvh(long_clip()))
     for seed in range(3):
         folder = tmp_path / f"archive {seed}"

@@ -7,10 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from clips import Marks, bench_of, family_of
+from clips import Marks, bench_of, every_second, family_of, noisy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from motifold.codec.clip import SkeletonClip
 from motifold.codec.figure.bodyparts import body_parts
@@ -31,14 +30,6 @@ def seen(clip: SkeletonClip) -> Landmarks:
     rig = rig_of(clip, body_parts(clip.skeleton))
     goal = goal_of(clip, rig, family_of(clip, rig), uniform_limits(clip, 0.1))
     return landmarks_of(goal.path, goal.nodes, rig)
-
-
-def noisy(clip: SkeletonClip, degrees: float) -> SkeletonClip:
-    """The same clip with noise in every joint, the root too, and in frames of its own."""
-    rng = np.random.default_rng(0)
-    count = clip.frames * clip.skeleton.joints
-    off = Rotation.from_rotvec(np.radians(degrees) * rng.normal(size=(count, 3))).as_matrix()
-    return replace(clip, rotations=clip.rotations @ off.reshape(clip.rotations.shape))
 
 
 @pytest.mark.parametrize("action", ACTIONS)
@@ -78,16 +69,7 @@ def others() -> list[SkeletonClip]:
 
 KINDS = {
     "excerpt": (take().slice(41, 147), 41, 1),
-    "half the rate": (
-        replace(
-            take(),
-            rotations=take().rotations[::2],
-            translations=take().translations[::2],
-            frame_time=2 * take().frame_time,
-        ),
-        0,
-        2,
-    ),
+    "half the rate": (every_second(take()), 0, 2),
     "noise": (noisy(take(), 0.2), 0, 1),
 }
 

@@ -8,10 +8,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from clips import family_of
+from clips import elsewhere, every_second, family_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from motifold.codec.blocks.leads import Lead
 from motifold.codec.blocks.motionmodel import MotionModel, fixed_model, usual_span
@@ -81,23 +80,10 @@ def excerpt(clip: SkeletonClip) -> SkeletonClip:
     return clip.slice(41, 147)
 
 
-def every_second(clip: SkeletonClip) -> SkeletonClip:
-    return replace(clip, rotations=clip.rotations[1::2], translations=clip.translations[1::2])
-
-
-def elsewhere(clip: SkeletonClip) -> SkeletonClip:
-    """The same motion in another place, facing another way."""
-    turn = Rotation.from_rotvec([0.0, 2.0, 0.0]).as_matrix()
-    rotations, translations = clip.rotations.copy(), clip.translations.copy()
-    rotations[:, 0] = turn @ rotations[:, 0]
-    translations[:, 0] = translations[:, 0] @ turn.T + np.array([300.0, 0.0, -50.0])
-    return replace(clip, rotations=rotations, translations=translations)
-
-
 COPIES: dict[str, tuple[Callable[[SkeletonClip], SkeletonClip], Hint, float]] = {
     "same": (lambda clip: clip, Hint(0, 0, 1), 0.06),
     "excerpt": (excerpt, Hint(0, 41, 1), 0.15),
-    "half the rate": (every_second, Hint(0, 1, 2), 0.1),
+    "half the rate": (lambda clip: every_second(clip, 1), Hint(0, 1, 2), 0.1),
     "elsewhere": (elsewhere, Hint(0, 0, 1), 0.15),
 }
 

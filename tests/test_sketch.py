@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from clips import Recipe, family_of, random_parts, skeleton_clip
+from clips import Recipe, family_of, noisy, random_parts, skeleton_clip
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
@@ -37,13 +37,6 @@ def apart(one: Sketch, other: Sketch) -> float:
     """How far the moments of each are from the nearest of the other, in the mean."""
     distances = cdist(one, other)
     return float(distances.min(axis=1).mean() + distances.min(axis=0).mean()) / 2
-
-
-def noisy(clip: SkeletonClip, degrees: float) -> SkeletonClip:
-    rng = np.random.default_rng(0)
-    count = clip.frames * clip.skeleton.joints
-    off = Rotation.from_rotvec(np.radians(degrees) * rng.normal(size=(count, 3))).as_matrix()
-    return replace(clip, rotations=clip.rotations @ off.reshape(clip.rotations.shape))
 
 
 @pytest.mark.parametrize("action", ACTIONS)
