@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from ..codec.clip import Clip, FloatArray, MarkerClip, Repair, Skeleton, SkeletonClip
 from ..codec.errors import DamagedError, UsageError
@@ -19,7 +19,7 @@ from ..codec.patterns.patterns import Codebook
 from ..codec.version1.decode import Tier, decode
 from ..codec.version1.index_file import IndexFile
 from ..codec.version2.motionfile import MotionFile
-from ..codec.version2.motionhead import read_references
+from ..codec.version2.motionhead import read_leads, read_references
 from .indexreader import read_index
 from .layout import index_path
 from .ledger import Ledger, Row
@@ -39,11 +39,28 @@ class Opened(Protocol):
     def shelf(self) -> Shelf:
         """The decoded clips that others refer to."""
 
+    @property
+    def numbered(self) -> list[Row]:
+        """The rows of all ledgers: clip numbers are places in it."""
+
     def codebook(self, family: str, generation: int) -> Codebook:
         """Return a rig family's patterns as of a generation."""
 
     def rig(self, number: int) -> Rig:
         """Return a rig by its number."""
+
+
+class Follow(NamedTuple):
+    """From ``start`` to ``stop`` a clip goes as ``clip`` does from ``begun`` on; seconds.
+
+    ``moved``: in another place, or facing another way.
+    """
+
+    clip: str
+    begun: float
+    start: float
+    stop: float
+    moved: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +130,25 @@ class ArchivedClip:
     def certificate(self) -> Errors:
         """The errors, centimetres, that the encoder measured by decoding: never understated."""
         return self.index(prefix_only=True).certificate
+
+    @property
+    def follows(self) -> list[Follow]:
+        """Where it goes as other clips do, because it is a copy of them. Raises `DamagedError`."""
+        index = self.index(prefix_only=True)
+        if not isinstance(index, MotionFile) or not index.led:
+            return []
+        try:
+            numbers = read_references(index.cores[0])
+            leads = read_leads(index.cores[0], index.frames)
+        except DamagedError as problem:
+            raise problem.within(self.path) from problem
+        found = []
+        for lead in leads:
+            row = self.archive.numbered[numbers[lead.reference]]
+            begun = lead.start * self.archive.rig(row.rig).frame_time
+            start, stop = lead.first * self.frame_time, lead.stop * self.frame_time
+            found.append(Follow(row.name, begun, start, stop, lead.move is not None))
+        return found
 
     @property
     def path(self) -> Path:

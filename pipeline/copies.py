@@ -41,7 +41,7 @@ def find_copies(clips: Sequence[Landmarks], first: int = 0) -> list[list[Copy[in
 
     Clips before ``first`` are archived, so originals only.
     """
-    ranked: list[list[tuple[int, int, int, int]]] = [[] for _ in clips]
+    ranked: list[list[tuple[int, int, int, int, int]]] = [[] for _ in clips]
     lengths = [len(clip.frames) for clip in clips]
     if sum(lengths) < 2:
         return [[] for _ in clips]
@@ -65,8 +65,8 @@ def find_copies(clips: Sequence[Landmarks], first: int = 0) -> list[list[Copy[in
             continue
         votes, shift = _agreed(pairs, stride)
         if votes >= min(LEAST_SHARED, max(lengths[copy], 2)):
-            ranked[copy].append((-votes, original, shift, stride))
-    return [[Copy(*each[1:]) for each in sorted(votes)[:MOST_ORIGINALS]] for votes in ranked]
+            ranked[copy].append((-votes, -clips[original].length, original, shift, stride))
+    return [[Copy(*each[2:]) for each in sorted(votes)[:MOST_ORIGINALS]] for votes in ranked]
 
 
 def after_originals(

@@ -59,10 +59,18 @@ def test_copies_of_a_library_cost_next_to_nothing(streams: str, tmp_path: Path) 
             assert index.led
             assert found[name] < 0.2 * rate * clip.frames, name
             assert archive.shelf.depth(index) > 0
+            (follow,) = archive[name].follows
+            begun = {"copy_cut.bvh": 33, "copy_turned.bvh": 0, "later_cut.bvh": 100}[name]
+            assert follow.clip == "long.bvh"
+            assert follow.begun == pytest.approx(begun * clip.frame_time, abs=1e-6)
+            assert follow.start == 0.0
+            assert follow.stop == pytest.approx(archive[name].seconds)
+            assert follow.moved == (name == "copy_turned.bvh")
         for name in found.keys() - COPIES.keys() - LATER.keys():
             index = archive[name].index()
             assert isinstance(index, MotionFile)
             assert not index.led
+            assert archive[name].follows == []
         engine = SerialExecutor()
         assert verify_archive(archive, engine=engine, library=library).problems == []
         restored = restore_clips(archive, [*found], tmp_path / "back", engine=engine)

@@ -108,6 +108,7 @@ def clip_record(clip: ArchivedClip) -> dict[str, Any]:
         "index_bytes": clip.path.stat().st_size,
         "index_file": str(clip.path),
         "generation": clip.generation,
+        "follows": [each._asdict() for each in clip.follows],
         "repairs": [{"place": repair.place, "what": repair.what} for repair in clip.repairs],
     }
 
@@ -169,6 +170,12 @@ def _show_clip(record: dict[str, Any]) -> None:
     )
     for name, joints in record["parts"].items():
         print(f"part {name}: {', '.join(joints)}")
+    for each in record["follows"]:
+        moved = ", moved" if each["moved"] else ""
+        print(
+            f"from {each['start']:.2f} s to {each['stop']:.2f} s as {each['clip']} "
+            f"from {each['begun']:.2f} s on{moved}"
+        )
     for repair in record["repairs"]:
         place = f" ({repair['place']})" if repair["place"] else ""
         print(f"repair: {repair['what']}{place}")

@@ -98,6 +98,15 @@ def read_references(core: bytes) -> tuple[int, ...]:
     return _read_references(SymbolReader(core))
 
 
+def read_leads(core: bytes, frames: int) -> tuple[Lead, ...]:
+    """Return the leads that the first core of a clip of ``frames`` names, if the clip is led.
+
+    Raises `DamagedError`.
+    """
+    reader = SymbolReader(core)
+    return _read_leads(reader, len(_read_references(reader)), frames)
+
+
 def _read_references(reader: SymbolReader) -> tuple[int, ...]:
     count = reader.number()
     if count > MOST_REFERENCES:
