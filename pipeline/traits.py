@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import zipfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
@@ -18,13 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..codec.clip import FloatArray, IntArray
+from ..codec.errors import DamagedError
 from ..codec.learned.landmarks import NUMBERS, Landmarks
 from ..codec.learned.sketch import SKETCH_NUMBERS, Sketch
 from .archive import Archive
-from .durable import write_whole
+from .durable import digest, write_whole
 from .layout import TRAITS
 
 POSE_UNITS = 2.0  # of a centimetre: landmarks are compared to some
+DIGITS = 16  # of the digest that a file begins with
 _LEVELS = 127.0
 
 Key = TypeVar("Key", str, int)
@@ -68,7 +69,8 @@ def write_traits(
         lengths=np.array([trait.landmarks.length for trait in traits], np.uint32),
         depths=np.array([trait.depth for trait in traits], np.uint8),
     )
-    write_whole(_path(archive, generation), data.getvalue())
+    whole = data.getvalue()
+    write_whole(_path(archive, generation), digest(whole).encode() + whole)
 
 
 def read_traits(archive: Archive) -> dict[int, Trait]:
@@ -84,9 +86,34 @@ def read_traits(archive: Archive) -> dict[int, Trait]:
     return found
 
 
-def _kept(path: Path, names: bytes, times: Sequence[float]) -> list[Trait]:
+def check_traits(archive: Path, generations: Iterable[int]) -> list[str]:
+    """Return in words which of an archive's traits are damaged; missing ones are not."""
+    problems = []
+    for path in (_path(archive, generation) for generation in generations):
+        if path.exists() and _whole(path) is None:
+            problem = DamagedError(
+                "is not what a job kept for later ones", file=path, advice="Delete it"
+            )
+            problems.append(str(problem))
+    return problems
+
+
+def _whole(path: Path) -> bytes | None:
+    """Return what was written after its digest, or None if that is not what is there."""
     try:
-        with np.load(path) as arrays:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    whole = data[DIGITS:]
+    return whole if data[:DIGITS] == digest(whole).encode() else None
+
+
+def _kept(path: Path, names: bytes, times: Sequence[float]) -> list[Trait]:
+    whole = _whole(path)
+    if whole is None:
+        return []
+    try:
+        with np.load(io.BytesIO(whole)) as arrays:
             if arrays["names"].tobytes() != names:  # of a job that was never published
                 return []
             roots = arrays["sketches"].astype(np.float32) / _LEVELS
@@ -104,12 +131,12 @@ def _kept(path: Path, names: bytes, times: Sequence[float]) -> list[Trait]:
                 sketches, frames, poses, lengths, times, depths, strict=True
             )
         ]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (ValueError, KeyError):  # another motifold's
         return []
 
 
 def _path(archive: Path, generation: int) -> Path:
-    return archive / TRAITS / f"{generation:06d}.npz"
+    return archive / TRAITS / f"{generation:06d}.traits"
 
 
 def _digest(names: Iterable[str]) -> bytes:

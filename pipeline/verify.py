@@ -15,6 +15,7 @@ from .durable import is_named
 from .executors import Executor, map_batches
 from .layout import index_path
 from .store import check_generation
+from .traits import check_traits
 
 BATCH_CLIPS = 32
 ROUNDED_UP = 1.05  # how much index files may overstate the mean error
@@ -48,9 +49,10 @@ def verify_archive(
     """Check every file of an archive against what was published; return what was found.
 
     Always: ledgers, store files and index files, of older versions too, are there, whole and
-    consistent, and every certificate is inside the tolerance of its job. ``decode``: every clip
-    is decoded. ``library``: the folder that was archived; every clip is compared with its
-    source, and its true error with its certificate.
+    consistent, what was kept for later jobs is whole if it is there, and every certificate is
+    inside the tolerance of its job. ``decode``: every clip is decoded. ``library``: the folder
+    that was archived; every clip is compared with its source, and its true error with its
+    certificate.
     """
     found = Verified()
     for generation, ledger in archive.ledgers.items():
@@ -60,6 +62,7 @@ def verify_archive(
     except DamagedError as problem:
         if not found.problems:
             found.problems.append(str(problem))
+    found.problems += check_traits(archive.path, archive.ledgers)
     found.problems += _superseded(archive)
     names = list(archive)
     batches = [names[i : i + BATCH_CLIPS] for i in range(0, len(names), BATCH_CLIPS)]

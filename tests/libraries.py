@@ -58,6 +58,13 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
+def counted_bytes(archive: Path) -> int:
+    """Return the size of an archive, without what no clip needs."""
+    files = tree(archive).items()
+    beside = ("catalog/", "traits/", ".writer.lock")
+    return sum(len(data) for path, data in files if not path.startswith(beside))
+
+
 def copied(folder: Path, to: Path) -> Path:
     """Copy a folder, times of change included, and return where it went."""
     shutil.copytree(folder, to)

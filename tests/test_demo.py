@@ -8,7 +8,7 @@ from pathlib import Path
 
 import oracle
 import pytest
-from libraries import tree
+from libraries import counted_bytes, tree
 from typer.testing import CliRunner
 
 from motifold.codec.errors import UsageError
@@ -40,7 +40,7 @@ def test_it_is_quick(demo: tuple[Path, str, float]) -> None:
 def test_its_figures_are_those_of_the_files(demo: tuple[Path, str, float]) -> None:
     folder, out, _ = demo
     source = sum(map(len, tree(folder / "library").values()))
-    archive = sum(map(len, tree(folder / "archive").values()))
+    archive = counted_bytes(folder / "archive")
     assert shown(out, "clips") == "6"
     assert shown(out, "source files") == show_bytes(source)
     assert shown(out, "archive, with store") == show_bytes(archive)

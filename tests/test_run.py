@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from libraries import BAD, CLIPS, copied, short_specs, tree, write_clips
+from libraries import BAD, CLIPS, copied, counted_bytes, short_specs, tree, write_clips
 
 from motifold.codec.blocks.motionmodel import fixed_model
 from motifold.codec.errors import ArchiveError, UsageError
@@ -26,7 +26,6 @@ from motifold.pipeline.archive import Archive
 from motifold.pipeline.clustering import ClusterRules
 from motifold.pipeline.commit import read_commit
 from motifold.pipeline.executors import SerialExecutor
-from motifold.pipeline.layout import TRAITS
 from motifold.pipeline.lock import NAME as LOCK
 from motifold.pipeline.plan import Settings
 from motifold.pipeline.report import Progress, Report
@@ -158,8 +157,7 @@ def test_the_report_adds_up(codec: str, small_library: Path, tmp_path: Path) -> 
     assert report.unchanged == 0
     assert report.failures == []
     assert report.frames == 60 * CLIPS
-    counted = {name for name in tree(tmp_path / "a") if not name.startswith(f"{TRAITS}/")}
-    assert report.archive_bytes == sum(len(tree(tmp_path / "a")[name]) for name in counted)
+    assert report.archive_bytes == counted_bytes(tmp_path / "a")
     files = tree(tmp_path / "a" / "clips")
     assert report.index_bytes == sum(map(len, files.values()))
     assert 0 < report.mean_error < report.max_error <= 0.1
