@@ -36,6 +36,7 @@ MAXIMUM_OVER_MEAN = 4.0  # of errors, mostly
 TRIALS = 12
 NO_LIMIT = 1e3  # centimetres: of a clip of no frames
 CLOSE_ENOUGH = 0.985  # of the mean error that is allowed
+LEAST_MOTION = 1e-3  # of the motion that is usually worth coding: where too little was coded
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +79,16 @@ class MotionEncoder:
         """
         check_size(clip)
         goal = goal_of(clip, rig, self.family, limits)
+        try:
+            made = self.encode_led(clip, rig, rig_number, limits, references, (), goal)
+        except GuaranteeError:
+            # what is too small to be coded in each of many joints may be too much in all of them
+            goal = goal_of(clip, rig, self.family, limits, LEAST_MOTION)
+            made = self.encode_led(clip, rig, rig_number, limits, references, (), goal)
         tracks = [reference.track for _, reference in references]
         mean = limits.least if limits.mean is None else MAXIMUM_OVER_MEAN * limits.mean
         tolerance = min(limits.least, mean)
         leads = find_leads(goal.path, goal.nodes, tracks, hints, self.model.span, tolerance)
-        made = self.encode_led(clip, rig, rig_number, limits, references, (), goal)
         if leads:
             with suppress(GuaranteeError):  # where a reference was less exact than this is to be
                 led = self.encode_led(clip, rig, rig_number, limits, references, leads, goal)

@@ -57,11 +57,14 @@ class Goal:
         return self.path[start:stop], self.yardstick.cut(start, stop)
 
 
-def goal_of(clip: Clip, rig: Rig, family: Family, limits: Limits) -> Goal:
-    """Return what the codec makes of ``clip``; ``limits`` say which motion is worth coding."""
+def goal_of(clip: Clip, rig: Rig, family: Family, limits: Limits, least: float = 1.0) -> Goal:
+    """Return what the codec makes of ``clip``; ``limits`` say which motion is worth coding.
+
+    ``least``: share of what a joint may usually turn or slide without its being coded.
+    """
     if isinstance(clip, MarkerClip):
         return _marker_goal(clip, family, limits)
-    return _skeleton_goal(clip, rig, family, limits)
+    return _skeleton_goal(clip, rig, family, limits, least)
 
 
 def _marker_goal(clip: MarkerClip, family: Family, limits: Limits) -> Goal:
@@ -85,13 +88,15 @@ def _marker_goal(clip: MarkerClip, family: Family, limits: Limits) -> Goal:
     return Goal(nodes, (), (), path, measure)
 
 
-def _skeleton_goal(clip: SkeletonClip, rig: Rig, family: Family, limits: Limits) -> Goal:
+def _skeleton_goal(
+    clip: SkeletonClip, rig: Rig, family: Family, limits: Limits, least: float
+) -> Goal:
     skeleton = clip.skeleton
     world = world_rotations(skeleton, clip.rotations)
     positions = world_positions(skeleton, world, clip.translations)
     tolerance = limits.least if limits.mean is None else min(limits.least, limits.mean)
-    sliding = sliding_joints(clip, rig, world, positions, tolerance)
-    still = _still(clip, family, tolerance)
+    sliding = sliding_joints(clip, rig, world, positions, least * tolerance)
+    still = _still(clip, family, least * tolerance)
     nodes = skeleton_nodes(rig, family, frozenset(still), sliding)
     shape, offsets = skeleton_shape(skeleton, nodes)
     nodes = nodes.refined(_fines(nodes, shape, limits))
