@@ -13,10 +13,11 @@ from ..codec.blocks.motionmodel import MotionModel, fixed_model, model_key, usua
 from ..codec.blocks.startpose import usual_pose
 from ..codec.figure.rig import Family
 from ..codec.geometry.limits import Bounds
-from ..codec.learned.economy import candidate, cheapest, coarsened, priced
+from ..codec.learned.economy import Candidate, candidate, cheapest, coarsened
 from ..codec.learned.learning import learn
 from ..codec.learned.modelfile import can_store, write_model
 from ..codec.learned.predictorfit import products_of
+from ..codec.learned.rehearsal import Rehearsal
 from ..codec.learned.samples import Manner
 from ..codec.learned.sketch import Sketch
 from ..codec.version2.leadfinding import Hint
@@ -161,7 +162,8 @@ class MotionJob:
                 continue
             if self.settings.model == "fixed":
                 continue
-            chosen = names[:: -(-len(names) // SAMPLE_CLIPS)]
+            moving = [name for name in names if self.frames[name]]
+            chosen = moving[:: -(-len(moving) // SAMPLE_CLIPS)]
             family = self.families[rig.family_key]
             samples = [sample_of(items[name], family, self.settings) for name in chosen]
             manner = Manner(int(step * (1 << 24)), THRIFT)
@@ -178,18 +180,21 @@ class MotionJob:
             without = self.settings.without
             # the fixed model has parents and contexts; its basis is what is left of one
             plain_serves = "parents" not in without and "contexts" not in without
-            first = one_thread(products_of, samples, plain, manner)
-            found = [priced(plain, first.costs, share)] if plain_serves else []
+            start = Rehearsal(samples, neighbours)
+            first = one_thread(products_of, start, plain, manner)
+            found: list[Candidate] = []
             for keep_weights in (False, True):
                 if not keep_weights and self.settings.model == "basis":
                     continue
                 if keep_weights and "parents" in without:
                     continue
-                model = one_thread(
-                    learn, samples, plain, manner, usual, neighbours, keep_weights, without, first
+                model, rehearsal = one_thread(
+                    learn, first, plain, manner, usual, keep_weights, without
                 )
-                both = [coarsened(model), model]
-                found += [candidate(each, samples, manner, share) for each in both]
+                tried = [coarsened(model), model]
+                if not found and plain_serves:
+                    tried.insert(0, plain)
+                found += [candidate(each, rehearsal, manner, share) for each in tried]
                 best = cheapest(found)
                 if len(write_model(best.model)) < SMALL_MODEL * best.costs.sum():
                     break  # a cheaper model has nothing to save

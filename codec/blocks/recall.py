@@ -27,6 +27,7 @@ from .nodes import AXES, FOLLOWER, KIND, PLACE, ROW
 
 NEIGHBOURS = 8
 STRIDE = 2  # frames between remembered moments of references
+NOWHERE = 1 << 62  # squared distance of a neighbour that is not there
 FAR = 32767  # keys of a row that a reference clip does not have
 
 KeyArray = npt.NDArray[np.int16]
@@ -200,10 +201,10 @@ def recall(
     d_first²: one that is far nearer than the others stands nearly alone.
     """
     moments = len(follows)
-    near = np.full(NEIGHBOURS, 1 << 62)
+    near = np.full(NEIGHBOURS, NOWHERE)
     which = np.zeros(NEIGHBOURS, np.int64)
-    _nearest(key, keys, moments, 0, near, which)
-    _nearest(key, own_keys, own, moments, near, which)
+    sort_in(key, keys, moments, 0, near, which)
+    sort_in(key, own_keys, own, moments, near, which)
     count = min(moments + own, NEIGHBOURS)
     nearest, last = _root(near[0]), _root(near[count - 1])
     followed = np.empty((count, len(prediction)), np.int64)
@@ -223,12 +224,8 @@ def _blend(near: IntArray, followed: IntArray, prediction: IntArray) -> int:
     ``followed``: (neighbours, channels). In ``near`` their weights are left.
     """
     count, channels = followed.shape
-    total, spread = 0, 0
-    first = near[0] + 1
-    for n in range(count):
-        part = 2048 * first // (near[n] + first)
-        near[n] = part * part
-        total += part * part
+    spread = 0
+    total = weigh(near, count)
     for c in range(channels):
         mean = 0
         for n in range(count):
@@ -244,10 +241,24 @@ def _blend(near: IntArray, followed: IntArray, prediction: IntArray) -> int:
 
 
 @lean
-def _nearest(
+def weigh(near: IntArray, count: int) -> int:
+    """Put weights in the place of the first ``count`` squared distances; return their sum."""
+    first, total = near[0] + 1, 0
+    for n in range(count):
+        part = 2048 * first // (near[n] + first)
+        near[n] = part * part
+        total += part * part
+    return total
+
+
+@lean
+def sort_in(
     key: KeyArray, keys: KeyArray, count: int, first: int, near: IntArray, which: IntArray
 ) -> None:
-    """Sort moments into the nearest so far: squared distances, and numbers from ``first`` on."""
+    """Sort moments into the nearest so far: squared distances, and numbers from ``first`` on.
+
+    ``near`` begins as `NOWHERE`.
+    """
     worst = near[NEIGHBOURS - 1]
     for m in range(count):
         distance = 0

@@ -9,23 +9,21 @@ import numpy as np
 
 from ..blocks.motionmodel import BASIS_BITS, MotionModel
 from ..blocks.nodes import ROW
-from ..blocks.recall import empty_memory
 from ..clip import FloatArray, IntArray
-from .abreast import abreast
 from .modelfile import row_sizes
-from .samples import Manner, Sample, walked
+from .rehearsal import Rehearsal
+from .samples import Manner
 
 COARSER_WEIGHTS = 2  # low bits that the coarser one of two equal models leaves out
 COARSE_BASIS = 8  # bits after the point
 
 
-def row_costs(samples: Sequence[Sample], model: MotionModel, manner: Manner) -> FloatArray:
+def row_costs(rehearsal: Rehearsal, model: MotionModel, manner: Manner) -> FloatArray:
     """Return about how many bytes the samples' blocks of each row (rows,) cost."""
-    nothing = empty_memory(model.rows, model.channels)
     bits = np.zeros(model.rows)
-    walks = abreast(lambda sample: walked(sample, model, nothing, manner), samples)
-    for sample, done in zip(samples, walks, strict=True):
-        np.add.at(bits, sample.nodes.table[:, ROW], done.costs)
+    walks = rehearsal.walk(model, manner, lambda _, walk: walk.costs)
+    for sample, costs in zip(rehearsal.samples, walks, strict=True):
+        np.add.at(bits, sample.nodes.table[:, ROW], costs)
     return bits / 8.0
 
 
@@ -57,16 +55,9 @@ class Candidate:
     costs: FloatArray
 
 
-def candidate(
-    model: MotionModel, samples: Sequence[Sample], manner: Manner, share: float
-) -> Candidate:
+def candidate(model: MotionModel, rehearsal: Rehearsal, manner: Manner, share: float) -> Candidate:
     """Return a model with its costs; the samples' bytes count ``share`` times."""
-    return priced(model, row_costs(samples, model, manner), share)
-
-
-def priced(model: MotionModel, costs: FloatArray, share: float) -> Candidate:
-    """Return the same where the bytes of the samples' blocks (rows,) are known."""
-    return Candidate(model, costs * share + row_sizes(model))
+    return Candidate(model, row_costs(rehearsal, model, manner) * share + row_sizes(model))
 
 
 def cheapest(candidates: Sequence[Candidate]) -> Candidate:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,21 +10,17 @@ from scipy.optimize import minimize
 
 from ..blocks.motionmodel import GROUPS, MotionModel
 from ..blocks.nodes import FOLLOWER, KIND, ROW
-from ..blocks.recall import Memory
 from ..clip import FloatArray, IntArray
 from .abreast import abreast
-from .samples import Manner, Sample, walked
+from .rehearsal import Rehearsal
+from .samples import Manner
 
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 MOST_SAMPLES = 6000  # blocks of a row that the fit looks at
 
 
 def fit_all_sizes(
-    samples: Sequence[Sample],
-    model: MotionModel,
-    manner: Manner,
-    memories: Iterable[Memory],
-    contexts: bool = True,
+    rehearsal: Rehearsal, model: MotionModel, manner: Manner, contexts: bool = True
 ) -> MotionModel:
     """Return the model with expected sizes fitted to what closed-loop walks quantise.
 
@@ -32,14 +28,8 @@ def fit_all_sizes(
     """
     signs: list[list[IntArray]] = [[] for _ in range(model.rows)]
     sizes: list[list[IntArray]] = [[] for _ in range(model.rows)]
-
-    def seen_by(both: tuple[Sample, Memory]) -> tuple[IntArray, IntArray]:
-        sample, memory = both
-        done = walked(sample, model, memory, manner)
-        return done.signs, done.quantised
-
-    walks = abreast(seen_by, zip(samples, memories, strict=True))
-    for sample, (found, quantised) in zip(samples, walks, strict=True):
+    walks = rehearsal.walk(model, manner, lambda _, walk: (walk.signs, walk.quantised))
+    for sample, (found, quantised) in zip(rehearsal.samples, walks, strict=True):
         for node in range(sample.nodes.count):
             if sample.nodes.table[node, KIND] != FOLLOWER:
                 row = int(sample.nodes.table[node, ROW])
