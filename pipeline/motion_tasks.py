@@ -125,6 +125,8 @@ def recall_batch(
             if depth >= DEEPEST_REFERENCE:
                 continue
             decoded = archive.shelf.states(file, rig)
+            if not decoded.states:
+                continue  # no frames: nothing to refer to
             offered = reference_of(decoded.states, decoded.nodes, models[model_key(rig)])
             save_reference(Path(scratch) / f"{number}.npz", offered)
             whole = np.concatenate(decoded.states)

@@ -267,9 +267,10 @@ def _hinged(bends: FloatArray) -> tuple[int, ...]:
 def bone_means(clip: SkeletonClip) -> FloatArray:
     """Return the mean local translation of every joint (joints, 3), centimetres.
 
-    The root's is zero: how far the figure stands from the origin is nobody's lever.
+    The root's is zero: how far the figure stands from the origin is nobody's lever. Of a clip
+    without frames they are the rest offsets.
     """
-    means = clip.translations.mean(axis=0)
+    means = (clip.translations if clip.frames else clip.skeleton.offsets[None]).mean(axis=0)
     means[0] = 0.0
     return np.asarray(means)
 
