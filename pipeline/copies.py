@@ -19,6 +19,7 @@ RADIUS = 2.0  # centimetres between landmarks of copies: noise of all joints tog
 NEAREST = 16  # landmarks that are looked at for each one
 LEAST_SHARED = 3  # landmarks, or all that the shorter clip has
 MOST_ORIGINALS = 2  # of a clip
+MOST_STRIDE = 16  # of an original's frames: more is a wrong unit of time
 HIGHEST_LEVEL = 5  # of a copy: those of copies of copies grow
 
 Name = TypeVar("Name", bound=Hashable)
@@ -103,13 +104,15 @@ def _goes_first(clips: Sequence[Landmarks], one: int, other: int, first: int) ->
 def _stride(copy: Landmarks, original: Landmarks) -> int | None:
     ratio = copy.frame_time / original.frame_time
     stride = round(ratio)
-    return stride if stride and abs(ratio / stride - 1.0) < 0.01 else None
+    known = 0 < stride <= MOST_STRIDE
+    return stride if known and abs(ratio / stride - 1.0) < 0.01 else None
 
 
 def _agreed(pairs: Sequence[tuple[int, int]], stride: int) -> tuple[int, int]:
-    """Return how many pairs of frames agree about the shift, and the shift."""
-    shifts = np.array(sorted(theirs - stride * own for own, theirs in pairs))
+    """Return how many frames of the copy agree about the shift, and the shift."""
+    found = np.array(sorted((theirs - stride * own, own) for own, theirs in pairs))
+    shifts = found[:, 0]
     ends = np.searchsorted(shifts, shifts + stride, side="right")
     at = int((ends - np.arange(len(shifts))).argmax())
-    group = shifts[at : ends[at]]
-    return len(group), int(np.median(group))
+    group = found[at : ends[at]]
+    return len(np.unique(group[:, 1])), int(np.median(group[:, 0]))

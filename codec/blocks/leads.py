@@ -110,9 +110,12 @@ def leads_of_run(
     before = low + span * np.arange(blocks)
     after = np.minimum(before + span + 1, high)
     which, first = np.full(blocks, -1, np.int64), None
-    states = np.zeros((0, span + 1, nodes.count, 4), np.int64)
-    has = np.zeros((0, nodes.count), np.bool_)
+    states = [np.zeros((0, span + 1, nodes.count, 4), np.int64)]
+    has = [np.zeros((0, nodes.count), np.bool_)]
+    count = 0
     for lead in leads:
+        if lead.stop <= low or lead.first >= high:
+            continue
         track = tracks[lead.reference]
         source, there = track.seen_by(nodes)
         if lead.first <= low < lead.stop:
@@ -120,14 +123,14 @@ def leads_of_run(
             pose = track.state[lead.like(np.array([low]), len(track.state))][:, source]
             first[nodes.table[there, ROW]] = moved(pose, nodes, lead.move)[0, there]
         led = np.flatnonzero((before >= lead.first) & (after <= lead.stop))
-        which[led] = len(states) + np.arange(len(led))
+        which[led] = count + np.arange(len(led))
+        count += len(led)
         own = np.minimum(before[led, None] + np.arange(span + 1), high - 1)
         frames = lead.like(own, len(track.state))
         like = track.state[frames.ravel()][:, source]
-        like = moved(like, nodes, lead.move).reshape(-1, *states.shape[1:])
-        states = np.concatenate([states, like])
-        has = np.concatenate([has, np.repeat(there[None], len(led), axis=0)])
-    return Leads(which, states, has, first)
+        states.append(moved(like, nodes, lead.move).reshape(-1, *states[0].shape[1:]))
+        has.append(np.repeat(there[None], len(led), axis=0))
+    return Leads(which, np.concatenate(states), np.concatenate(has), first)
 
 
 def no_leads(nodes: Nodes, frames: int, span: int) -> Leads:
