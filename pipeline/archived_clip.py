@@ -36,6 +36,10 @@ class Opened(Protocol):
         """The ledgers of all jobs, by generation."""
 
     @property
+    def rows(self) -> dict[str, tuple[Row, int]]:
+        """The current ledger row of every clip with its generation, by name."""
+
+    @property
     def shelf(self) -> Shelf:
         """The decoded clips that others refer to."""
 
@@ -53,7 +57,8 @@ class Opened(Protocol):
 class Follow(NamedTuple):
     """From ``start`` to ``stop`` a clip goes as ``clip`` does from ``begun`` on; seconds.
 
-    ``moved``: in another place, or facing another way.
+    ``moved``: in another place, or facing another way. ``replaced``: that clip's file has changed
+    since; what is meant is the motion that it had.
     """
 
     clip: str
@@ -61,6 +66,7 @@ class Follow(NamedTuple):
     start: float
     stop: float
     moved: bool
+    replaced: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,12 +148,16 @@ class ArchivedClip:
             leads = read_leads(index.cores[0], index.frames)
         except DamagedError as problem:
             raise problem.within(self.path) from problem
-        found = []
+        found, rows = [], self.archive.numbered
         for lead in leads:
-            row = self.archive.numbered[numbers[lead.reference]]
+            number = numbers[lead.reference]
+            if number >= len(rows):
+                raise DamagedError(f"follows clip {number} of {len(rows)}", file=self.path)
+            row = rows[number]
             begun = lead.start * self.archive.rig(row.rig).frame_time
             start, stop = lead.first * self.frame_time, lead.stop * self.frame_time
-            found.append(Follow(row.name, begun, start, stop, lead.move is not None))
+            replaced = self.archive.rows[row.name][0] is not row
+            found.append(Follow(row.name, begun, start, stop, lead.move is not None, replaced))
         return found
 
     @property

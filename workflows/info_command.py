@@ -171,9 +171,10 @@ def _show_clip(record: dict[str, Any]) -> None:
     for name, joints in record["parts"].items():
         print(f"part {name}: {', '.join(joints)}")
     for each in record["follows"]:
+        older = "an older version of " if each["replaced"] else ""
         moved = ", moved" if each["moved"] else ""
         print(
-            f"from {each['start']:.2f} s to {each['stop']:.2f} s as {each['clip']} "
+            f"from {each['start']:.2f} s to {each['stop']:.2f} s as {older}{each['clip']} "
             f"from {each['begun']:.2f} s on{moved}"
         )
     for repair in record["repairs"]:
