@@ -19,6 +19,11 @@ def index_path(archive: Path, name: str) -> Path:
     return archive / "clips" / name[:2] / f"{name}.mfi"
 
 
+def traits_path(archive: Path, generation: int) -> Path:
+    """Return where the traits of a job's clips are."""
+    return archive / TRAITS / f"{generation:06d}.traits"
+
+
 def archive_bytes(archive: Path) -> int:
     """Return the size of an archive, in bytes, without what is derived from it or in the way."""
     total = folder_bytes(archive) - sum(folder_bytes(archive / folder) for folder in DERIVED)

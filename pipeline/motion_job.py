@@ -104,7 +104,9 @@ class MotionJob:
             for item, encoded in self._encoded(levels, items, earlier, scratch, tell):
                 yield item, encoded
                 rows.append(encoded.name)
+                depth = earlier.depths[self.first + self.numbered - 1]
                 for twin in twins.get(encoded.name, ()):
+                    earlier.depths[self.first + self.numbered] = depth
                     self.numbered += 1
                     yield items[twin], replace(encoded, name=twin)
                     rows.append(twin)

@@ -6,7 +6,6 @@ workers only compute. What they return is consumed in order (see `executors`).
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -18,16 +17,16 @@ from ..codec.version1.encode import Encoder
 from .clustering import Representatives, grow
 from .commit import Commit, Job, publish, read_or_start
 from .discover import discover
-from .durable import NAME_DIGITS, PARTIAL, digest, name_of, sync, write_whole
+from .durable import NAME_DIGITS, digest, name_of, sync, write_whole
 from .executors import Executor, executor, map_batches, one_thread
-from .layout import TRAITS, archive_bytes, current_rows, index_path, read_ledgers
+from .layout import archive_bytes, current_rows, index_path, read_ledgers
 from .ledger import Ledger, Row, ledger_path, write_ledger
+from .leftovers import remove_leftovers
 from .lock import writer_lock
-from .motion_job import SCRATCH, MotionJob
+from .motion_job import MotionJob
 from .plan import Plan, Settings, make_plan
 from .report import Progress, Report
 from .searchers import Searchers
-from .store import NAME as STORE
 from .store import Store, read_store, write_generation
 from .survey import settle, survey_clips
 from .tasks import (
@@ -92,7 +91,7 @@ class _Job:
         before = read_or_start(self.folder)
         generation = before.generation + 1
         ledgers = read_ledgers(self.folder, before)
-        self._sweep(ledgers, generation)
+        remove_leftovers(self.folder, ledgers, generation)
         store = read_store(self.folder, before, ledgers)
         known = {
             name: row.source
@@ -128,21 +127,6 @@ class _Job:
 
     def _tell(self, stage: str) -> Callable[[int, int], None]:
         return lambda done, clips: self.progress(Progress(stage, done, clips))
-
-    def _sweep(self, ledgers: dict[int, Ledger], generation: int) -> None:
-        """Remove what an interrupted job left: nothing that is published is touched."""
-        shutil.rmtree(self.folder / SCRATCH, ignore_errors=True)
-        shutil.rmtree(self.folder / STORE / f"{generation:06d}", ignore_errors=True)
-        ledger_path(self.folder, generation).unlink(missing_ok=True)
-        published = {
-            index_path(self.folder, row.index) for ledger in ledgers.values() for row in ledger.rows
-        }
-        for path in (self.folder / "clips").glob("*/*"):
-            if path not in published:
-                path.unlink()
-        for place in (".", "ledger", TRAITS):
-            for path in (self.folder / place).glob(PARTIAL):
-                path.unlink()
 
     def _cluster(self, batches: list[tuple[Prepared, ...]], store: Store) -> None:
         """Segment in parallel, then let each family's patterns grow, a round at a time."""

@@ -22,7 +22,7 @@ from ..codec.learned.landmarks import NUMBERS, Landmarks
 from ..codec.learned.sketch import SKETCH_NUMBERS, Sketch
 from .archive import Archive
 from .durable import digest, write_whole
-from .layout import TRAITS
+from .layout import traits_path
 
 POSE_UNITS = 2.0  # of a centimetre: landmarks are compared to some
 DIGITS = 16  # of the digest that a file begins with
@@ -70,7 +70,7 @@ def write_traits(
         depths=np.array([trait.depth for trait in traits], np.uint8),
     )
     whole = data.getvalue()
-    write_whole(_path(archive, generation), digest(whole).encode() + whole)
+    write_whole(traits_path(archive, generation), digest(whole).encode() + whole)
 
 
 def read_traits(archive: Archive) -> dict[int, Trait]:
@@ -80,7 +80,7 @@ def read_traits(archive: Archive) -> dict[int, Trait]:
     for generation, ledger in sorted(archive.ledgers.items()):
         times = [archive.store.rigs[row.rig].frame_time for row in ledger.rows]
         names = (row.name for row in ledger.rows)
-        kept = _kept(_path(archive.path, generation), _digest(names), times)
+        kept = _kept(traits_path(archive.path, generation), _digest(names), times)
         found.update((first + place, trait) for place, trait in enumerate(kept))
         first += len(ledger.rows)
     return found
@@ -89,7 +89,7 @@ def read_traits(archive: Archive) -> dict[int, Trait]:
 def check_traits(archive: Path, generations: Iterable[int]) -> list[str]:
     """Return in words which of an archive's traits are damaged; missing ones are not."""
     problems = []
-    for path in (_path(archive, generation) for generation in generations):
+    for path in (traits_path(archive, generation) for generation in generations):
         if path.exists() and _whole(path) is None:
             problem = DamagedError(
                 "is not what a job kept for later ones", file=path, advice="Delete it"
@@ -133,10 +133,6 @@ def _kept(path: Path, names: bytes, times: Sequence[float]) -> list[Trait]:
         ]
     except (ValueError, KeyError):  # another motifold's
         return []
-
-
-def _path(archive: Path, generation: int) -> Path:
-    return archive / TRAITS / f"{generation:06d}.traits"
 
 
 def _digest(names: Iterable[str]) -> bytes:
