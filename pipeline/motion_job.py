@@ -214,7 +214,8 @@ class MotionJob:
                 {name: own.landmarks[name] for name in names},
             )
             most, seed = self.settings.references, self.settings.seed
-            wishes = assigned(members, earlier.traits(key), most, seed)
+            before = earlier.traits(key) if most else Traits[int]({}, {})
+            wishes = assigned(members, before, most, seed)
             levels += [[] for _ in range(len(wishes) - len(levels))]
             for level, more in zip(levels, wishes, strict=False):
                 level += more
