@@ -26,6 +26,7 @@ from tables import print_table
 
 from motifold.codec.blocks import blockwalk, runstream
 from motifold.codec.blocks.recall import Memory, empty_memory
+from motifold.codec.learned import gathering
 from motifold.workflows.quantities import parse_length
 
 VARIANTS: dict[str, Mapping[str, Any]] = {
@@ -103,7 +104,13 @@ def forgetful() -> Iterator[None]:
         del frames
         return empty_memory(rows, 3 * span)
 
+    def never(*known: Any) -> gathering.Moments:
+        keys, features, signals = own_moments(*known)
+        return gathering.Moments(keys[:, :0], features[:, :0], signals[:, :0])
+
+    own_moments = gathering.own_moments
     with (
+        patch.object(gathering, "own_moments", never),
         patch.object(blockwalk, "own_memory", nothing),
         patch.object(runstream, "own_memory", nothing),
     ):

@@ -196,7 +196,7 @@ class MotionJob:
                 tried = [coarsened(model), model]
                 if not found and plain_serves:
                     tried.insert(0, plain)
-                found += [candidate(each, rehearsal, manner, share) for each in tried]
+                found += [one_thread(candidate, each, rehearsal, manner, share) for each in tried]
                 best = cheapest(found)
                 if len(write_model(best.model)) < SMALL_MODEL * best.costs.sum():
                     break  # a cheaper model has nothing to save

@@ -203,9 +203,7 @@ def recall(
     moments = len(follows)
     near = np.full(NEIGHBOURS, NOWHERE)
     which = np.zeros(NEIGHBOURS, np.int64)
-    sort_in(key, keys, moments, 0, near, which)
-    sort_in(key, own_keys, own, moments, near, which)
-    count = min(moments + own, NEIGHBOURS)
+    count = find_nearest(key, keys, own_keys, own, near, which)
     nearest, last = _root(near[0]), _root(near[count - 1])
     followed = np.empty((count, len(prediction)), np.int64)
     for n in range(count):
@@ -252,13 +250,24 @@ def weigh(near: IntArray, count: int) -> int:
 
 
 @lean
-def sort_in(
+def find_nearest(
+    key: KeyArray, keys: KeyArray, own_keys: KeyArray, own: int, near: IntArray, which: IntArray
+) -> int:
+    """Write the nearest moments and their squared distances; return how many there are.
+
+    Those of the references, and after them the first ``own`` of the clip itself. ``near``
+    begins as `NOWHERE`.
+    """
+    _sort_in(key, keys, len(keys), 0, near, which)
+    _sort_in(key, own_keys, own, len(keys), near, which)
+    return min(len(keys) + own, NEIGHBOURS)
+
+
+@lean
+def _sort_in(
     key: KeyArray, keys: KeyArray, count: int, first: int, near: IntArray, which: IntArray
 ) -> None:
-    """Sort moments into the nearest so far: squared distances, and numbers from ``first`` on.
-
-    ``near`` begins as `NOWHERE`.
-    """
+    """Sort moments into the nearest so far: squared distances, and numbers from ``first`` on."""
     worst = near[NEIGHBOURS - 1]
     for m in range(count):
         distance = 0

@@ -25,15 +25,18 @@ from ..blocks.recall import (
     NOWHERE,
     STRIDE,
     KeyArray,
+    find_nearest,
     own_stride,
     signals_at,
-    sort_in,
     weigh,
 )
 from ..clip import FloatArray, IntArray
 from .samples import Sample
 
 Floats = npt.NDArray[np.float32]
+
+GRAINS = 16.0  # of what is fitted to, in a step
+COARSEST = -8  # log2 of a grain, centimetres
 
 
 class Moments(NamedTuple):
@@ -53,22 +56,20 @@ def gathered(
     state: IntArray,
     model: MotionModel,
     others: Sequence[tuple[Sample, IntArray]],
+    step: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return (features, signals) of all nodes and whole blocks, cm: (nodes, blocks, …).
 
     From both what is recalled is taken away. ``state``: the sample's decoded frames;
-    ``others``: the samples that it refers to, with theirs.
+    ``others``: the samples that it refers to, with theirs; ``step``: centimetres.
     """
     blocks = max(len(sample.goal) - 1, 0) // model.span
     xs = np.zeros((sample.nodes.count, blocks, model.weights.shape[1]))
     ys = np.zeros((sample.nodes.count, blocks, model.channels))
-    stride = own_stride(model.span)
-    own = _moments(state[: len(sample.goal)], sample.nodes, model, stride)
-    offered = [_moments(states, other.nodes, model, STRIDE) for other, states in others]
-    none = (array[:, :0] for array in own)
-    known = Moments(
-        *(np.concatenate(arrays, axis=1) for arrays in zip(none, *offered, strict=True))
-    )
+    own = own_moments(sample, state, model)
+    known = _moments([(other.nodes, states) for other, states in others], model, STRIDE)
+    # far less than the step, so that what does not differ is zero, but for float dust
+    grain = 2.0 ** int(np.clip(np.floor(np.log2(step / GRAINS)), COARSEST - 8, COARSEST))
     measure = sample.yardstick
     _gather(
         state,
@@ -83,22 +84,33 @@ def gathered(
         measure.mends,
         *known,
         *own,
-        stride,
+        own_stride(model.span),
+        grain,
         xs,
         ys,
     )
     return xs, ys
 
 
-def _moments(state: IntArray, nodes: Nodes, model: MotionModel, stride: int) -> Moments:
-    """Return every ``stride``-th moment of decoded frames."""
-    count = len(range(1, len(state) - model.span + 1, stride))
+def own_moments(sample: Sample, state: IntArray, model: MotionModel) -> Moments:
+    """Return the moments that a sample has of itself, as far as it is not yet decoded, too."""
+    frames = state[: len(sample.goal)]
+    return _moments([(sample.nodes, frames)], model, own_stride(model.span))
+
+
+def _moments(clips: Sequence[tuple[Nodes, IntArray]], model: MotionModel, stride: int) -> Moments:
+    """Return every ``stride``-th moment of some clips' decoded frames, one after the other."""
+    counts = [len(range(1, len(state) - model.span + 1, stride)) for _, state in clips]
     out = Moments(
-        np.full((model.rows, count, KEYS), FAR, np.int16),
-        np.zeros((model.rows, count, model.weights.shape[1]), np.float32),
-        np.zeros((model.rows, count, model.channels), np.float32),
+        np.full((model.rows, sum(counts), KEYS), FAR, np.int16),
+        np.zeros((model.rows, sum(counts), model.weights.shape[1]), np.float32),
+        np.zeros((model.rows, sum(counts), model.channels), np.float32),
     )
-    _remember(state, nodes.table, model.span, model.lags, model.up, stride, *out)
+    first = 0
+    for (nodes, state), count in zip(clips, counts, strict=True):
+        ways = model.span, model.lags, model.up, stride
+        _remember(state, nodes.table, *ways, first, count, *out)
+        first += count
     return out
 
 
@@ -110,6 +122,8 @@ def _remember(
     lags: IntArray,
     up: int,
     stride: int,
+    first: int,
+    count: int,
     keys: KeyArray,
     features: Floats,
     signals: Floats,
@@ -118,8 +132,8 @@ def _remember(
     known = np.empty(features.shape[2], np.int64)
     moved = np.zeros((nodes, span, 3), np.int64)
     unit = float(1 << UNIT_BITS)
-    for moment in range(keys.shape[1]):
-        start = 1 + stride * moment
+    for moment in range(first, first + count):
+        start = 1 + stride * (moment - first)
         for node in range(nodes):
             if table[node, KIND] == FOLLOWER:
                 continue
@@ -152,6 +166,7 @@ def _gather(
     own_features: Floats,
     own_signals: Floats,
     stride: int,
+    grain: float,
     xs: FloatArray,
     ys: FloatArray,
 ) -> None:
@@ -182,9 +197,7 @@ def _gather(
             key_of(known, span, key)
             near = np.full(NEIGHBOURS, NOWHERE)
             which = np.zeros(NEIGHBOURS, np.int64)
-            sort_in(key, keys[row], moments, 0, near, which)
-            sort_in(key, own_keys[row], own, moments, near, which)
-            count = min(moments + own, NEIGHBOURS)
+            count = find_nearest(key, keys[row], own_keys[row], own, near, which)
             total = weigh(near, count)
             for n in range(count):
                 share, at = near[n] / total, which[n]
@@ -194,9 +207,9 @@ def _gather(
                     at -= moments
                     _take_away(share, own_features[row, at], own_signals[row, at], x, y)
             for f in range(width):
-                x[f] = round(x[f] * 256.0) / 256.0
+                x[f] = round(x[f] / grain) * grain
             for c in range(3 * span):
-                y[c] = round(y[c] * 256.0) / 256.0
+                y[c] = round(y[c] / grain) * grain
 
 
 @compiled

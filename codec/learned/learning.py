@@ -30,7 +30,7 @@ def learn(
     keep_weights: bool = False,
     without: Collection[str] = (),
 ) -> tuple[MotionModel, Rehearsal]:
-    """Return a model learned from sample clips, and those as walks with it left them.
+    """Return a model learned from sample clips, and those as the last walks left them.
 
     ``first``: the products of ``start``, the model to begin with; ``usual``: (rows, 4) the
     family's usual pose; ``keep_weights``: the prediction stays as it is, for a library too

@@ -66,7 +66,7 @@ def products_of(rehearsal: Rehearsal, model: MotionModel, manner: Manner) -> Pro
     def both(at: int, walk: Walk) -> tuple[IntArray, FloatArray, FloatArray]:
         sample = rehearsal.samples[at]
         state = walk.state[: len(sample.goal)]
-        return state, *gathered(sample, walk.state, model, rehearsal.others(at))
+        return state, *gathered(sample, walk.state, model, rehearsal.others(at), step)
 
     walks = rehearsal.walk(model, manner, both)
     for sample, (state, xs, ys) in zip(rehearsal.samples, walks, strict=True):
@@ -129,7 +129,7 @@ def _weights(own: FloatArray, both: FloatArray, step: float) -> IntArray:
     channels) of features and signals; ``step``: centimetres. Weights are rounded as far as the
     step allows.
     """
-    usual = np.sqrt(np.diag(own)) + 1e-6
+    usual = np.sqrt(np.maximum(np.diag(own), 0.0)) + 1e-6
     ridge = RIDGE * min(step / 0.1, 6.0)
     normal = own / np.outer(usual, usual) + ridge * np.eye(len(own))
     target = both / usual[:, None]

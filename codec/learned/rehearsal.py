@@ -40,25 +40,16 @@ class Rehearsal:
 
     def others(self, at: int) -> list[tuple[Sample, IntArray]]:
         """Return the samples that a sample refers to, with their decoded frames."""
-        if self.states is None or at % ALONE == 0:
-            return []
-        return [(self.samples[other], self.states[other]) for other in self.neighbours[at]]
+        states = self.states or ()  # of none, `_references` are none
+        return [(self.samples[other], states[other]) for other in self._references(at)]
 
-    def poses(self, rows: int) -> list[IntArray]:
-        """Return per sample the known poses, (poses, rows, 4), that it may start from."""
-        empty = np.zeros((0, rows, 4), np.int64)
-        return [
-            np.concatenate(
-                [
-                    empty,
-                    *(
-                        poses_of(state, len(state), sample.nodes, rows)
-                        for sample, state in self.others(at)
-                    ),
-                ]
-            )
-            for at in range(len(self.samples))
-        ]
+    def poses(self, rows: int) -> Iterator[IntArray]:
+        """Yield per sample the known poses, (poses, rows, 4), that it may start from."""
+        for at in range(len(self.samples)):
+            known = [
+                poses_of(state, len(state), sample.nodes, rows) for sample, state in self.others(at)
+            ]
+            yield np.concatenate([np.zeros((0, rows, 4), np.int64), *known])
 
     def walk(
         self, model: MotionModel, manner: Manner, then: Callable[[int, Walk], Result]
@@ -74,9 +65,11 @@ class Rehearsal:
         ]
 
         def done(at: int) -> Result:
-            alone = self.states is None or at % ALONE == 0
-            known = [] if alone else [memories[other] for other in self.neighbours[at]]
+            known = [memories[other] for other in self._references(at)]
             memory = joined(known, model.rows, model.channels)
             return then(at, walked(self.samples[at], model, memory, manner))
 
         return abreast(done, range(len(self.samples)))
+
+    def _references(self, at: int) -> Sequence[int]:
+        return () if self.states is None or at % ALONE == 0 else self.neighbours[at]

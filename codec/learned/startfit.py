@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ LEAST_STARTS = 8
 
 
 def fit_starts(
-    samples: Sequence[Sample], model: MotionModel, usual: IntArray, poses: Sequence[IntArray]
+    samples: Sequence[Sample], model: MotionModel, usual: IntArray, poses: Iterable[IntArray]
 ) -> MotionModel:
     """Return the model with ``starts`` fitted to the samples' first poses.
 

@@ -82,6 +82,8 @@ class MotionEncoder:
         try:
             made = self.encode_led(clip, rig, rig_number, limits, references, (), goal)
         except GuaranteeError:
+            if isinstance(clip, MarkerClip):
+                raise
             # what is too small to be coded in each of many joints may be too much in all of them
             goal = goal_of(clip, rig, self.family, limits, LEAST_MOTION)
             made = self.encode_led(clip, rig, rig_number, limits, references, (), goal)
