@@ -28,6 +28,9 @@ from libraries import (
 )
 from typer.testing import CliRunner
 
+from motifold.codec.clip import SkeletonClip
+from motifold.codec.formats.files import read_clip
+from motifold.codec.geometry.metrics import clip_errors
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.verify import Verified
 from motifold.workflows.cli import app, main
@@ -165,6 +168,29 @@ def test_options_reach_the_job(small_library: Path, tmp_path: Path) -> None:
     assert settings["clusters"]["bound"] == "average"
     assert settings["clusters"]["radius_coefficient"] == 0.8
     assert "thinking" in parts
+
+
+@pytest.mark.parametrize("bound", ["--tolerance", "--mean-tolerance"])
+def test_what_counts_more_is_coded_closer(small_library: Path, tmp_path: Path, bound: str) -> None:
+    """The feet count four times: their bound is a quarter, and so is their error, or so."""
+    errors, sizes = {}, {}
+    for name, weights in (("plain", ()), ("weighted", ("--joint-weight", "*Foot=4"))):
+        out = tmp_path / name
+        said("archive", small_library, out, "--workers", 0, "--no-index", bound, "4mm", *weights)
+        sizes[name] = counted_bytes(out)
+        found = []
+        with Archive(out) as archive:
+            for clip in archive.values():
+                original, decoded = read_clip(small_library / clip.name), clip.decode()
+                assert isinstance(original, SkeletonClip)
+                assert isinstance(decoded, SkeletonClip)
+                feet = [n for n, joint in enumerate(original.skeleton.names) if "Foot" in joint]
+                found.append(clip_errors(original, decoded)[:, feet])
+        errors[name] = np.concatenate(found)
+    assert errors["weighted"].mean() < 0.5 * errors["plain"].mean()
+    assert sizes["weighted"] > sizes["plain"]
+    if bound == "--tolerance":
+        assert errors["plain"].max() > 0.1 >= errors["weighted"].max()
 
 
 def test_bad_files_are_listed_and_the_code_is_3(odd_library: Path, tmp_path: Path) -> None:
@@ -338,6 +364,7 @@ WRONG = [
         ["restore", "{archive}", "--out", "{new}", "--parts", "head", "--format", "bvh"],
         "a BVH file cannot hold",
     ),
+    (["archive", "{library}", "{new}", "--joint-weight", "Head=0"], "'Head=0' is no weight"),
     (["archive", "{library}", "{new}", "--streams", "limbs"], "no streams are called 'limbs'"),
     (["restore", "{archive}", "--out", "{new}", "--format", "fbx"], "cannot write 'fbx'"),
     (["verify", "{library}"], "no motifold archive"),

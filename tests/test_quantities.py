@@ -15,6 +15,7 @@ from motifold.workflows.quantities import (
     parse_bound,
     parse_length,
     parse_span_bound,
+    parse_weight,
     show_bytes,
     show_duration,
     show_length,
@@ -90,6 +91,19 @@ def test_what_is_no_bound_is_told_with_an_example(text: str) -> None:
 def test_bounds_need_a_length(text: str) -> None:
     with pytest.raises(UsageError, match="is not a length"):
         parse_bound(text)
+
+
+@given(NAMES, st.floats(1e-6, 1e6), st.sampled_from(["", " "]))
+def test_a_name_and_a_number_are_a_weight(name: str, number: float, space: str) -> None:
+    assert parse_weight(f"{space}{name}{space}={space}{number!r}") == (name.strip(), number)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "5", "LeftFoot", "=5", " =5", *(f"LeftFoot={n}" for n in ("0", "-1", "inf", "x"))]
+)
+def test_what_is_no_weight_is_told_with_an_example(text: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(f"{text!r} is no weight") + ".*LeftFoot=5"):
+        parse_weight(text)
 
 
 SECONDS = st.decimals(0, 10**4, allow_nan=False, places=3)

@@ -14,6 +14,7 @@ from .quantities import (
     parse_bound,
     parse_length,
     parse_span_bound,
+    parse_weight,
     show_bytes,
     show_duration,
     show_length,
@@ -41,6 +42,10 @@ def archive(
     joint_tolerance: Annotated[
         list[str] | None,
         typer.Option(help="Joints (a name or glob) with their own, such as LeftFoot=0.2mm."),
+    ] = None,
+    joint_weight: Annotated[
+        list[str] | None,
+        typer.Option(help="Joints (a name or glob) whose errors count so many times: LeftFoot=5."),
     ] = None,
     span_tolerance: Annotated[
         list[str] | None,
@@ -108,7 +113,13 @@ def archive(
     from ..pipeline.run import archive_library
 
     settings = Settings(
-        **_bounds(tolerance, mean_tolerance, joint_tolerance or [], span_tolerance or []),
+        **_bounds(
+            tolerance,
+            mean_tolerance,
+            joint_tolerance or [],
+            joint_weight or [],
+            span_tolerance or [],
+        ),
         units=units,
         segments=SegmentRules(segmentation),  # type: ignore[arg-type]  # it checks the name
         clusters=ClusterRules(cluster_bound, cluster_radius),  # type: ignore[arg-type]
@@ -143,11 +154,17 @@ def archive(
 
 
 def _bounds(
-    tolerance: str | None, mean: str | None, joints: list[str], spans: list[str]
+    tolerance: str | None,
+    mean: str | None,
+    joints: list[str],
+    weights: list[str],
+    spans: list[str],
 ) -> dict[str, Any]:
-    """Return the bounds of `Settings` that the options ask for."""
+    """Return the bounds of `Settings` that the options ask for.
+
+    What counts five times may be off by a fifth of the tolerance.
+    """
     bounds: dict[str, Any] = {
-        "joint_tolerances": tuple(parse_bound(text) for text in joints),
         "span_tolerances": tuple(parse_span_bound(text) for text in spans),
     }
     if mean is not None:
@@ -155,6 +172,8 @@ def _bounds(
         bounds["tolerance"] = NO_BOUND * bounds["mean_tolerance"]
     if tolerance is not None or mean is None:
         bounds["tolerance"] = parse_length(tolerance or "1mm")
+    weighted = [(name, bounds["tolerance"] / weight) for name, weight in map(parse_weight, weights)]
+    bounds["joint_tolerances"] = (*map(parse_bound, joints), *weighted)
     return bounds
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from ..codec.errors import UsageError
@@ -32,6 +33,19 @@ def parse_bound(text: str) -> tuple[str, float]:
     if not found or not name.strip():
         raise UsageError(f"{text!r} is no bound", advice="Write it as LeftFoot=0.2mm")
     return name.strip(), parse_length(length)
+
+
+def parse_weight(text: str) -> tuple[str, float]:
+    """Return (name, weight) of a weight such as ``LeftFoot=5``. Raises `UsageError`."""
+    name, found, number = text.rpartition("=")
+    advice = "Write it as LeftFoot=5, or LeftFoot=0.5 for less"
+    try:
+        weight = float(number)
+    except ValueError:
+        weight = 0.0
+    if not found or not name.strip() or not 0.0 < weight < math.inf:
+        raise UsageError(f"{text!r} is no weight", advice=advice)
+    return name.strip(), weight
 
 
 def parse_span_bound(text: str) -> tuple[float, float, float]:
