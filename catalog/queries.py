@@ -42,15 +42,11 @@ def ask(
     weights = parse_parts(parts)
     number = _find(catalog, text)
     if number is not None:
-        words = cut_query(catalog.words(number), start, stop)
-        asked = Asked(Query(words, weights, number))
+        asked = Asked(replace(cut_query(catalog.words(number), start, stop), own=number))
     else:
         asked = _from_file(catalog, Path(text), start, stop)
-        asked = replace(asked, query=replace(asked.query, weights=weights))
-    if mirror:
-        words = catalog.vocabulary.mirrored(asked.query.words)
-        asked = replace(asked, query=replace(asked.query, words=words, own=None))
-    return asked
+    query = replace(asked.query, weights=weights)
+    return replace(asked, query=query.mirrored(catalog.vocabulary) if mirror else query)
 
 
 def parse_parts(parts: Iterable[str]) -> dict[str, float]:
@@ -97,17 +93,7 @@ def _from_file(catalog: Catalog, path: Path, start: float | None, stop: float | 
 
     clip = read_clip(path)
     parts = parts_of(clip)
-    lasts = clip.frames * clip.frame_time
-    first = 0 if start is None else round(start / clip.frame_time)
-    last = clip.frames if stop is None else min(clip.frames, round(stop / clip.frame_time) + 1)
-    if not 0 <= first < last:
-        raise UsageError(
-            f"from {start or 0:g} s to {stop if stop is not None else lasts:g} s there is "
-            f"nothing: it lasts {lasts:g} s",
-            file=path,
-            advice="Choose another --from and --to",
-        )
-    signals = body_signals(clip.slice(first, last), parts)
+    signals = body_signals(clip, parts)
     if not signals:
         raise UsageError("has no body part that is searched", file=path, advice="See the README")
     used, notes = known_parts(signals), []
@@ -117,4 +103,8 @@ def _from_file(catalog: Catalog, path: Path, start: float | None, stop: float | 
         notes.append(f"not searched by: {', '.join(ignored)}")
     if missing:
         notes.append(f"the query has no {', '.join(missing)}")
-    return Asked(Query(catalog.vocabulary.words_of(signals)), tuple(notes))
+    try:
+        query = cut_query(catalog.vocabulary.words_of(signals), start, stop)
+    except UsageError as problem:
+        raise problem.within(path) from None
+    return Asked(query, tuple(notes))

@@ -8,7 +8,7 @@ Only the catalog is read, never a frame of motion.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -19,8 +19,16 @@ from ..codec.errors import UsageError
 from .bodysignals import PARTS, RATE
 from .catalogfolder import Catalog
 from .postings import SCALE, TERMS_A_PART, Postings, shares
-from .vocabulary import NO_WORD, OWNERS, WINDOW, Words
-from .wordwarp import slid_inside, warped, warped_inside, warped_path
+from .vocabulary import NO_WORD, OWNERS, WINDOW, Vocabulary, Words
+from .wordwarp import (
+    NOTHING_BESIDE,
+    Surroundings,
+    slid_inside,
+    surroundings,
+    warped,
+    warped_inside,
+    warped_path,
+)
 
 Mode = Literal["whole", "windows"]
 Rerank = Literal["dtw", "none"]
@@ -30,9 +38,9 @@ LOOKED_UP = 0.7  # of what the query's words tell; the rest is in the longest li
 WARP_WEIGHT = 0.4  # of the warped distance, in medians of the candidates, beside the postings
 AMPLITUDE = 75.0  # centimetres of difference in how far parts move that cost a score of 1
 POSTURE_SHARE: Mapping[tuple[Mode, Rerank], float] = {
-    ("whole", "dtw"): 0.5,
+    ("whole", "dtw"): 0.9,  # a little movement says which way a body moves through a posture
     ("whole", "none"): 0.5,
-    ("windows", "dtw"): 0.9,  # a little movement says which way a body moves through a posture
+    ("windows", "dtw"): 0.9,
     ("windows", "none"): 1.0,
 }
 """Of a distance; the rest is movement."""
@@ -45,12 +53,19 @@ class Query:
 
     ``words``: (samples, columns). ``weights``: how much each part counts; parts that are not
     named count nothing. ``own``: number of the clip that it is from, which is left out of the
-    hits.
+    hits. ``beside``: words before and after, see `Surroundings`; of a span, not of a clip.
     """
 
     words: Words
     weights: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(PARTS, 1.0))
     own: int | None = None
+    beside: Surroundings = NOTHING_BESIDE
+
+    def mirrored(self, vocabulary: Vocabulary) -> Query:
+        """Return the query for its mirror image, which may be in the same clip."""
+        before, after = map(vocabulary.mirrored, self.beside)
+        words = vocabulary.mirrored(self.words)
+        return replace(self, words=words, own=None, beside=Surroundings(before, after))
 
 
 @dataclass(frozen=True)
@@ -68,15 +83,15 @@ class Hit:
     parts: dict[str, float]
 
 
-def cut_query(words: Words, start: float | None, stop: float | None) -> Words:
-    """Return the words between two times in seconds.
+def cut_query(words: Words, start: float | None, stop: float | None) -> Query:
+    """Return the query for what a clip's words say between two times in seconds.
 
     A movement is what happens in the window about a sample; so those near the ends, which look
     beyond them, are left out where the span is long enough. Raises `UsageError` for an empty
     span.
     """
     if start is None and stop is None:
-        return words
+        return Query(words)
     first = 0 if start is None else round(start * RATE)
     last = len(words) if stop is None else min(round(stop * RATE) + 1, len(words))
     if first < 0 or first >= last:
@@ -90,7 +105,7 @@ def cut_query(words: Words, start: float | None, stop: float | None) -> Words:
     margin = WINDOW // 2
     if len(span) > 3 * margin:
         span[:margin, : len(PARTS)] = span[-margin:, : len(PARTS)] = NO_WORD
-    return span
+    return Query(span, beside=surroundings(words, first, last))
 
 
 def search(
@@ -104,8 +119,9 @@ def search(
     """Return the ``top`` best hits, best first, one a clip.
 
     ``whole``: clips that are like the query from end to end; ``windows``: clips with a span
-    that is like it. ``rerank``: ``dtw``, or ``none`` for the order of the postings (for windows:
-    of spans compared without warping). Raises `UsageError` for a query without words.
+    that is like it; among spans equally alike, those whose surroundings are, too. ``rerank``:
+    ``dtw``, or ``none`` for the order of the postings (for windows: of spans compared without
+    warping). Raises `UsageError` for a query without words.
     """
     parts = part_weights(query)
     weights = column_weights(parts, POSTURE_SHARE[mode, rerank])
@@ -117,7 +133,7 @@ def search(
     if mode == "windows":
         find = warped_inside if rerank == "dtw" else slid_inside
         said = [catalog.words(clip) for clip in clips.tolist()]
-        distances, firsts, lasts = find(query.words, said, catalog.table, weights)
+        distances, firsts, lasts = find(query.words, said, catalog.table, weights, query.beside)
         order = -distances
         spans = dict(
             zip(clips.tolist(), zip(firsts.tolist(), lasts.tolist(), strict=True), strict=True)

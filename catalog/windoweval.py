@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ from .bodysignals import RATE, resampled
 from .catalogfolder import Catalog
 from .evaluate import Figures, ranking_figures
 from .framewarp import warped_span, warping_path
-from .search import Query, cut_query, search
+from .search import Rerank, cut_query, search
+from .wordwarp import NOTHING_BESIDE
 
 Motions = Sequence[npt.NDArray[np.float32]]
 Found = list[tuple[int, float, float]]  # clips, best first, with the span in seconds
@@ -71,12 +72,13 @@ def compare_windows(
     flat = [motion.reshape(len(motion), -1) for motion in motions]
     rng = np.random.default_rng(seed)
 
-    def from_index(rerank: bool) -> Callable[[Piece], Found]:
+    def from_index(rerank: Rerank, *, beside: bool = True) -> Callable[[Piece], Found]:
         def find(piece: Piece) -> Found:
-            words = cut_query(catalog.words(int(numbers[piece.clip])), piece.start, piece.stop)
-            query = Query(words, own=int(numbers[piece.clip]))
-            order = "dtw" if rerank else "none"
-            hits = search(catalog, query, top=100, mode="windows", rerank=order)  # type: ignore[arg-type]
+            own = int(numbers[piece.clip])
+            query = replace(cut_query(catalog.words(own), piece.start, piece.stop), own=own)
+            if not beside:
+                query = replace(query, beside=NOTHING_BESIDE)
+            hits = search(catalog, query, top=100, mode="windows", rerank=rerank)
             return [(place[hit.clip], hit.start, hit.stop) for hit in hits if hit.clip in place]
 
         return find
@@ -107,8 +109,10 @@ def compare_windows(
 
     phases = _Phases(flat, frame_times)
     methods = {
-        "index only": from_index(False),
-        "index, re-ranked": from_index(True),
+        "index only": from_index("none"),
+        "index, re-ranked": from_index("dtw"),
+        "index only, span alone": from_index("none", beside=False),
+        "re-ranked, span alone": from_index("dtw", beside=False),
         "mean and deviation": from_moments,
         "time warping over joints": from_frames,
         "chance": by_chance,

@@ -9,19 +9,44 @@ query, and importing a compiler takes longer than it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..codec.clip import BoolArray, FloatArray, IntArray
-from .vocabulary import Words
+from .vocabulary import COLUMNS, Words
 
 Costs = npt.NDArray[np.float32]
 Spans = tuple[FloatArray, IntArray, IntArray]
 """Per clip: mean distance, first and last sample (exclusive)."""
 
 FAR = np.float32(1e30)
+BESIDE = 20  # samples before and after a span that are looked at, too: two seconds
+BESIDE_STEP = 2  # of which every second one is
+BESIDE_WEIGHT = np.float32(0.1)  # of each, beside a sample of the span
 _MOST_CELLS = 4_000_000  # of a grid of query and clips that is filled at a time
+
+
+class Surroundings(NamedTuple):
+    """The words (samples, columns) before and after a span, each `BESIDE_STEP` from the next.
+
+    The last before it is a step from its first sample, the first after it a step from its last.
+    A motion that repeats itself looks the same each time; what it comes from and leads to tells
+    the first time from the second.
+    """
+
+    before: Words
+    after: Words
+
+
+NOTHING_BESIDE = Surroundings(*np.zeros((2, 0, len(COLUMNS)), np.uint8))
+
+
+def surroundings(words: Words, first: int, last: int) -> Surroundings:
+    """Return what is beside the samples ``first`` to ``last`` (exclusive) of a clip's words."""
+    before = words[max(first - BESIDE, 0) : first][::-1][BESIDE_STEP - 1 :: BESIDE_STEP][::-1]
+    return Surroundings(before, words[last : last + BESIDE][BESIDE_STEP - 1 :: BESIDE_STEP])
 
 
 def warped(query: Words, clips: Sequence[Words], table: Costs, weights: FloatArray) -> FloatArray:
@@ -55,16 +80,24 @@ def warped_path(
     return out
 
 
-def warped_inside(query: Words, clips: Sequence[Words], table: Costs, weights: FloatArray) -> Spans:
+def warped_inside(
+    query: Words,
+    clips: Sequence[Words],
+    table: Costs,
+    weights: FloatArray,
+    beside: Surroundings = NOTHING_BESIDE,
+) -> Spans:
     """Return where in each clip a motion is, at half to twice the speed (`Spans`).
 
     Dynamic time warping with open ends in the clip (Sakoe and Chiba 1978, P = 1). The distance
-    is the mean over the query's samples; where the clip is shorter than half of the query,
-    nothing fits, and it is infinite.
+    is the mean over the query's samples, and what `_beside` adds; where the clip is shorter than
+    half of the query, nothing fits, and it is infinite.
     """
     out = np.full(len(clips), np.inf), np.zeros(len(clips), np.int64), _lengths(clips)
     for some, _ in _chunks(len(query), clips):
-        cost = _costs(query, [clips[each] for each in some], table, weights, FAR)
+        these = [clips[each] for each in some]
+        cost = _costs(query, these, table, weights, FAR)
+        before, after = _beside(beside, these, table, weights)
         total, begun = cost[0], np.broadcast_to(np.arange(cost.shape[2]), cost.shape[1:])
         older = np.full_like(total, FAR), begun  # two samples of the query ago
         for i in range(1, len(query)):
@@ -74,6 +107,7 @@ def warped_inside(query: Words, clips: Sequence[Words], table: Costs, weights: F
             slow = older[0][:, :-1] + cost[i - 1][:, 1:]
             _take_nearer(best[:, 1:], source[:, 1:], slow, older[1][:, :-1])
             older, total, begun = (total, begun), best + cost[i], source
+        total = total + after + np.take_along_axis(before, begun, axis=1)
         ends = total.argmin(axis=1)
         rows = np.arange(len(some))
         fits = total[rows, ends] < FAR
@@ -82,17 +116,27 @@ def warped_inside(query: Words, clips: Sequence[Words], table: Costs, weights: F
     return out
 
 
-def slid_inside(query: Words, clips: Sequence[Words], table: Costs, weights: FloatArray) -> Spans:
+def slid_inside(
+    query: Words,
+    clips: Sequence[Words],
+    table: Costs,
+    weights: FloatArray,
+    beside: Surroundings = NOTHING_BESIDE,
+) -> Spans:
     """Return where in each clip a motion is, at equal speed (`Spans`).
 
-    Where a clip is shorter than the query, what is left over counts as a distance of 1.
+    Where a clip is shorter than the query, what is left over counts as a distance of 1. To the
+    mean comes what `_beside` adds.
     """
     wide = len(query)
     out = np.empty(len(clips)), np.empty(len(clips), np.int64), _lengths(clips)
     for some, lengths in _chunks(wide, clips):
         shifts = np.maximum(lengths - wide, 0)
-        cost = _costs(query, [clips[each] for each in some], table, weights, np.float32(1.0), wide)
-        total = np.zeros((len(some), int(shifts.max()) + 1), np.float32)
+        these = [clips[each] for each in some]
+        cost = _costs(query, these, table, weights, np.float32(1.0), wide)
+        before, after = _beside(beside, these, table, weights)
+        last = np.minimum(np.arange(int(shifts.max()) + 1) + wide, after.shape[1]) - 1
+        total = before[:, : len(last)] + after[:, last]
         for i in range(wide):
             total += cost[i][:, i : i + total.shape[1]]
         total[np.arange(total.shape[1]) > shifts[:, None]] = np.inf
@@ -142,6 +186,25 @@ def _costs(
     owner = np.repeat(np.arange(len(clips)), lengths)
     out[:, owner, np.arange(len(said)) - np.repeat(np.cumsum(lengths) - lengths, lengths)] = gaps.T
     return out
+
+
+def _beside(
+    beside: Surroundings, clips: Sequence[Words], table: Costs, weights: FloatArray
+) -> tuple[Costs, Costs]:
+    """Return (clips, longest) what surroundings add where a span begins, and where it ends.
+
+    They are compared at equal speed; beyond its ends a clip stands still.
+    """
+    lengths = _lengths(clips)
+    samples = np.arange(int(lengths.max(initial=0)))
+    found = []
+    for words, first in zip(beside, (-len(beside.before), 1), strict=True):
+        added = np.zeros((len(clips), len(samples)), np.float32)
+        for number, here in enumerate(_costs(words, clips, table, weights, FAR), first):
+            near = np.clip(samples + number * BESIDE_STEP, 0, lengths[:, None] - 1)
+            added += BESIDE_WEIGHT * np.take_along_axis(here, near, axis=1)
+        found.append(added)
+    return found[0], found[1]
 
 
 def _diagonals(

@@ -20,7 +20,14 @@ from motifold.catalog.postings import (
 )
 from motifold.catalog.search import column_weights
 from motifold.catalog.vocabulary import COLUMNS, NO_WORD, Words
-from motifold.catalog.wordwarp import slid_inside, warped, warped_inside, warped_path
+from motifold.catalog.wordwarp import (
+    Surroundings,
+    slid_inside,
+    surroundings,
+    warped,
+    warped_inside,
+    warped_path,
+)
 
 TABLE = np.ones((len(COLUMNS), 256, 256), np.float32)
 _POINTS = np.random.default_rng(0).normal(size=(len(COLUMNS), 20, 2))
@@ -91,33 +98,62 @@ def test_a_planted_span_is_found(seed: int, wide: int, before: int, after: int) 
     assert np.allclose(warped_path(query, [clips[0], query], TABLE, WEIGHTS)[1], 0.0)
 
 
-def plainly_inside(cost: np.ndarray) -> float:
-    """The cheapest way through, ends open: one sample on, none and one, or two (P = 1)."""
+def plainly_inside(cost: np.ndarray) -> list[tuple[float, int]]:
+    """The cheapest way to each end and where it began: one sample on, none and one, or two."""
     wide, long = cost.shape
-    total = np.full((wide, long), np.inf)
-    total[0] = cost[0]
+    ways = {(0, j): (float(cost[0, j]), j) for j in range(long)}
+    nowhere = (np.inf, 0)
     for i in range(1, wide):
         for j in range(1, long):
-            ways = [total[i - 1, j - 1]]
-            if j > 1:
-                ways.append(total[i - 1, j - 2])
-            if i > 1:
-                ways.append(total[i - 2, j - 1] + cost[i - 1, j])
-            total[i, j] = min(ways) + cost[i, j]
-    return float(total[-1].min() / wide)
+            slow, begun = ways.get((i - 2, j - 1), nowhere)
+            total, begun = min(
+                ways.get((i - 1, j - 1), nowhere),
+                ways.get((i - 1, j - 2), nowhere),
+                (slow + cost[i - 1, j], begun),
+            )
+            ways[i, j] = (total + cost[i, j], begun)
+    return [ways.get((wide - 1, j), nowhere) for j in range(long)]
+
+
+def plainly_beside(beside: Surroundings, clip: Words, first: int, last: int) -> float:
+    """What surroundings add to a span of a clip, its last sample included."""
+    near = [max(first - 2 * n, 0) for n in range(len(beside.before), 0, -1)]
+    after = [min(last + 2 * n, len(clip) - 1) for n in range(1, len(beside.after) + 1)]
+    words = np.concatenate(beside)
+    return 0.1 * float(np.trace(costs(words, clip[[*near, *after]])))
 
 
 @settings(max_examples=30, deadline=None)
-@given(SEEDS, st.integers(1, 12), st.lists(st.integers(1, 20), min_size=1, max_size=5))
-def test_warping_inside_is_that_of_plain_loops(seed: int, wide: int, lengths: list[int]) -> None:
+@given(
+    SEEDS,
+    st.integers(1, 12),
+    st.tuples(st.integers(0, 10), st.integers(0, 10)),
+    st.lists(st.integers(1, 20), min_size=1, max_size=5),
+)
+def test_warping_inside_is_that_of_plain_loops(
+    seed: int, wide: int, around: tuple[int, int], lengths: list[int]
+) -> None:
     query = said(seed, wide)
+    beside = Surroundings(said(seed + 50, around[0]), said(seed + 51, around[1]))
     clips = [said(seed + 1 + number, length) for number, length in enumerate(lengths)]
-    warps, slides = (find(query, clips, TABLE, WEIGHTS) for find in (warped_inside, slid_inside))
+    warps, slides = (
+        find(query, clips, TABLE, WEIGHTS, beside) for find in (warped_inside, slid_inside)
+    )
     for number, clip in enumerate(clips):
         cost = costs(query, clip)
-        assert np.allclose(warps[0][number], plainly_inside(cost), rtol=1e-5)
+        ways = [
+            (total + plainly_beside(beside, clip, begun, last)) / wide
+            for last, (total, begun) in enumerate(plainly_inside(cost))
+        ]
+        assert np.allclose(warps[0][number], min(ways), rtol=1e-5)
+        if min(ways) < np.inf:
+            assert np.isclose(ways[warps[2][number] - 1], min(ways), rtol=1e-5)
         ends = [
-            sum(cost[i, at + i] if at + i < len(clip) else 1.0 for i in range(wide)) / wide
+            (
+                sum(cost[i, at + i] if at + i < len(clip) else 1.0 for i in range(wide))
+                + plainly_beside(beside, clip, at, min(at + wide, len(clip)) - 1)
+            )
+            / wide
             for at in range(max(len(clip) - wide, 0) + 1)
         ]
         assert np.isclose(slides[0][number], min(ends), rtol=1e-5)
@@ -166,6 +202,34 @@ def test_a_part_counts_what_it_weighs_and_its_postures_their_share(
         postures = [weights[column] for column in COLUMNS if column.startswith(f"{part}_")]
         assert np.isclose(weights[part], (1 - share) * weight)
         assert np.allclose(postures, share * weight / len(postures))
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS, st.integers(4, 12), st.integers(3, 9))
+def test_of_a_motion_twice_in_a_clip_the_one_with_the_same_surroundings_is_found(
+    seed: int, wide: int, between: int
+) -> None:
+    """Of two equal spans it is the one before and after which the same happens."""
+    again = said(seed, wide)
+    apart = [said(seed + n, between) for n in range(1, 4)]
+    query = np.concatenate([apart[0], again, apart[1], again, apart[2]])
+    clip = np.concatenate([said(seed + 9, 30), *apart[:1], again, apart[1], again, *apart[2:]])
+    starts = [between, 2 * between + wide]
+    for start in starts:
+        beside = surroundings(query, start, start + wide)
+        for find in (warped_inside, slid_inside):
+            first = find(again, [clip], TABLE, WEIGHTS, beside)[1]
+            assert first[0] == 30 + start
+
+
+def test_surroundings_are_two_seconds_at_every_second_sample() -> None:
+    words = np.arange(100, dtype=np.uint8)[:, None].repeat(len(COLUMNS), axis=1)
+    before, after = (each[:, 0].tolist() for each in surroundings(words, 40, 55))
+    assert before == list(range(20, 40, 2))
+    assert after == list(range(56, 76, 2))
+    assert [len(each) for each in surroundings(words, 0, 100)] == [0, 0]
+    assert surroundings(words, 5, 97).before[:, 0].tolist() == [1, 3]
+    assert surroundings(words, 5, 97).after[:, 0].tolist() == [98]
 
 
 def test_a_clip_too_short_to_warp_is_infinitely_far() -> None:
