@@ -11,6 +11,7 @@ import argparse
 import json
 import resource
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from motifold.catalog.bodysignals import PARTS, RATE
 from motifold.catalog.catalogfolder import Catalog
 from motifold.catalog.catalogrecord import CatalogRecord
 from motifold.catalog.indexing import publish
-from motifold.catalog.search import Query, search
+from motifold.catalog.search import cut_query, search
 from motifold.catalog.vocabulary import COLUMNS, Words
 
 CHANGED = 0.1  # of the words
@@ -80,7 +81,9 @@ def main() -> None:
         times, busy = [], []
         for place, number in enumerate([chosen[0], *chosen[:count]]):
             said = np.array(catalog.words(number))
-            query = Query(said if mode == "whole" else said[:16], own=number)
+            begin = min(1.0, (len(said) - 1) / RATE)
+            span = (None, None) if mode == "whole" else (begin, begin + 1.5)
+            query = replace(cut_query(said, *span), own=number)
             start, began = time.perf_counter(), time.process_time()
             search(catalog, query, mode=mode, rerank=rerank)  # type: ignore[arg-type]
             if place:
