@@ -58,13 +58,14 @@ def update_catalog(
     *,
     engine: Executor,
     rebuild: bool = False,
+    seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Indexed:
     """Give the clips of an archive that have none yet their words; return what was done.
 
     ``rebuild``: begin anew, with a vocabulary learned from the clips that are there now. A
-    catalog that cannot be read is rebuilt, too. The caller holds the archive's writer lock.
-    Raises `ArchiveError`.
+    catalog that cannot be read is rebuilt, too. ``seed``: of the learning. The caller holds the
+    archive's writer lock. Raises `ArchiveError`.
     """
     path = Path(folder)
     record = CatalogRecord() if rebuild else _readable(path)
@@ -81,7 +82,7 @@ def update_catalog(
         steps = _Steps(archive, engine, left_out, len(todo), progress)
         step = max(1, len(todo) // LEARNED_FROM)
         signals: dict[str, Signals] = dict(steps.run(todo[::step], None))
-        vocabulary = one_thread(vocabulary.grown, list(signals.values()))
+        vocabulary = one_thread(vocabulary.grown, list(signals.values()), seed)
         words = {name: vocabulary.words_of(each) for name, each in signals.items()}
         rest = [name for name in todo if name not in words and name not in left_out]
         words.update(steps.run(rest, vocabulary))

@@ -147,6 +147,14 @@ def test_rebuilding_gives_the_same_bytes(archive: Path, tmp_path: Path) -> None:
     assert tree(again / FOLDER) == tree(archive / FOLDER)
 
 
+def test_another_seed_learns_other_words(archive: Path, tmp_path: Path) -> None:
+    again = copied(archive, tmp_path / "archive")
+    indexed(again, rebuild=True, seed=1)
+    one, other = (Catalog(folder).vocabulary.centres for folder in (archive, again))
+    assert one.keys() == other.keys()
+    assert any(not np.array_equal(one[kind], other[kind]) for kind in one)
+
+
 def test_many_batches_become_one(
     archive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

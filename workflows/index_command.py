@@ -20,6 +20,7 @@ def index(
     rebuild: Annotated[
         bool, typer.Option("--rebuild", help="Begin anew, with patterns learned from all clips.")
     ] = False,
+    seed: Annotated[int, typer.Option(help="Seed of the learning.")] = 0,
     workers: Annotated[
         int | None, typer.Option(min=0, help="Worker processes; 0 or 1: none. Default: one a core.")
     ] = None,
@@ -29,7 +30,7 @@ def index(
     from ..pipeline.commit import read_commit
 
     read_commit(archive)
-    made = update_index(archive, workers=workers, rebuild=rebuild)
+    made = update_index(archive, workers=workers, rebuild=rebuild, seed=seed)
     if json:
         show_json(asdict(made))
     else:
@@ -39,7 +40,12 @@ def index(
 
 
 def update_index(
-    archive: Path, *, workers: int | None, scheduler: str | None = None, rebuild: bool = False
+    archive: Path,
+    *,
+    workers: int | None,
+    scheduler: str | None = None,
+    rebuild: bool = False,
+    seed: int = 0,
 ) -> Indexed:
     """Update the catalog of an archive, with progress on the terminal."""
     from ..catalog.indexing import update_catalog
@@ -52,6 +58,7 @@ def update_index(
             archive,
             engine=engine,
             rebuild=rebuild,
+            seed=seed,
             progress=lambda done, clips: line.update("index", done, clips),
         )
     line.clear()
