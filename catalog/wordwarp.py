@@ -90,14 +90,14 @@ def warped_inside(
     """Return where in each clip a motion is, at half to twice the speed (`Spans`).
 
     Dynamic time warping with open ends in the clip (Sakoe and Chiba 1978, P = 1). The distance
-    is the mean over the query's samples, and what `_beside` adds; where the clip is shorter than
+    is the mean over the query's samples, and what `_apart` adds; where the clip is shorter than
     half of the query, nothing fits, and it is infinite.
     """
     out = np.full(len(clips), np.inf), np.zeros(len(clips), np.int64), _lengths(clips)
     for some, _ in _chunks(len(query), clips):
         these = [clips[each] for each in some]
-        cost = _costs(query, these, table, weights, FAR)
-        before, after = _beside(beside, these, table, weights)
+        cost = _costs(np.concatenate([query, *beside]), these, table, weights, FAR)
+        cost, before, after = _apart(cost, beside, these)
         total, begun = cost[0], np.broadcast_to(np.arange(cost.shape[2]), cost.shape[1:])
         older = np.full_like(total, FAR), begun  # two samples of the query ago
         for i in range(1, len(query)):
@@ -126,15 +126,16 @@ def slid_inside(
     """Return where in each clip a motion is, at equal speed (`Spans`).
 
     Where a clip is shorter than the query, what is left over counts as a distance of 1. To the
-    mean comes what `_beside` adds.
+    mean comes what `_apart` adds.
     """
     wide = len(query)
     out = np.empty(len(clips)), np.empty(len(clips), np.int64), _lengths(clips)
     for some, lengths in _chunks(wide, clips):
         shifts = np.maximum(lengths - wide, 0)
         these = [clips[each] for each in some]
-        cost = _costs(query, these, table, weights, np.float32(1.0), wide)
-        before, after = _beside(beside, these, table, weights)
+        everything = np.concatenate([query, *beside])
+        cost = _costs(everything, these, table, weights, np.float32(1.0), wide)
+        cost, before, after = _apart(cost, beside, these)
         last = np.minimum(np.arange(int(shifts.max()) + 1) + wide, after.shape[1]) - 1
         total = before[:, : len(last)] + after[:, last]
         for i in range(wide):
@@ -188,23 +189,23 @@ def _costs(
     return out
 
 
-def _beside(
-    beside: Surroundings, clips: Sequence[Words], table: Costs, weights: FloatArray
-) -> tuple[Costs, Costs]:
-    """Return (clips, longest) what surroundings add where a span begins, and where it ends.
+def _apart(cost: Costs, beside: Surroundings, clips: Sequence[Words]) -> tuple[Costs, Costs, Costs]:
+    """Return the costs of the query, and what surroundings add where a span begins and ends.
 
-    They are compared at equal speed; beyond its ends a clip stands still.
+    ``cost``: (query + before + after, clips, longest or more). What is added: (clips, longest).
+    Surroundings are compared at equal speed; beyond its ends a clip stands still.
     """
     lengths = _lengths(clips)
     samples = np.arange(int(lengths.max(initial=0)))
+    first, last = len(cost) - len(beside.before) - len(beside.after), len(cost) - len(beside.after)
     found = []
-    for words, first in zip(beside, (-len(beside.before), 1), strict=True):
+    for some, step in ((cost[first:last], -len(beside.before)), (cost[last:], 1)):
         added = np.zeros((len(clips), len(samples)), np.float32)
-        for number, here in enumerate(_costs(words, clips, table, weights, FAR), first):
+        for number, here in enumerate(some, step):
             near = np.clip(samples + number * BESIDE_STEP, 0, lengths[:, None] - 1)
             added += BESIDE_WEIGHT * np.take_along_axis(here, near, axis=1)
         found.append(added)
-    return found[0], found[1]
+    return cost[:first], found[0], found[1]
 
 
 def _diagonals(
