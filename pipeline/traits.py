@@ -117,7 +117,8 @@ def _kept(path: Path, names: bytes, times: Sequence[float]) -> list[Trait]:
             if arrays["names"].tobytes() != names:  # of a job that was never published
                 return []
             roots = arrays["sketches"].astype(np.float32) / _LEVELS
-            sketches = _cut(np.sign(roots) * roots**2 * float(arrays["largest"]), arrays["moments"])
+            numbers = np.sign(roots) * roots**2 * float(arrays["largest"])
+            sketches = _cut(np.rint(numbers), arrays["moments"])
             poses = _cut(arrays["poses"] / np.float32(POSE_UNITS), arrays["landmarks"])
             frames = _cut(arrays["frames"].astype(np.int64), arrays["landmarks"])
             lengths, depths = arrays["lengths"].tolist(), arrays["depths"].tolist()

@@ -111,12 +111,13 @@ def usual_lags(span: int) -> IntArray:
 def cosine_basis(span: int) -> npt.NDArray[np.float64]:
     """Return the orthonormal DCT-II of a block of three channels, (coefficients, channels).
 
-    Coefficients are ordered by frequency, channels frame by frame.
+    Coefficients are ordered by frequency, channels frame by frame. Rounded to 2^-40: machines
+    differ in the last bits of cosines, and models are fitted with these.
     """
     k, t = np.meshgrid(np.arange(span), np.arange(span) + 0.5, indexing="ij")
     cosine = np.cos(np.pi * k * t / span) * np.sqrt(2.0 / span)
     cosine[0] *= np.sqrt(0.5)
-    return np.kron(cosine, np.eye(3))
+    return np.kron(np.rint(cosine * 2.0**40) * 2.0**-40, np.eye(3))
 
 
 def sine_basis(span: int) -> npt.NDArray[np.float64]:

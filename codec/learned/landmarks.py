@@ -20,6 +20,7 @@ from ..figure.rig import Rig
 
 NUMBERS = 24
 WAYS = 2  # numbers of which a landmark may be the largest or the smallest
+GRAIN = 2.0**-16  # centimetres: machines differ far below it
 AROUND = 0.15  # seconds to both sides within which a landmark is the largest
 
 
@@ -66,4 +67,5 @@ def _projected(path: IntArray, nodes: Nodes, rig: Rig) -> FloatArray:
     flat[:, nodes.table[seen.turning, ROW]] = angles * seen.levers[:, None]
     flat[:, nodes.table[seen.placed, ROW]] = seen.places
     signs = np.random.default_rng(rows).choice([-1.0, 1.0], (3 * rows, NUMBERS))
-    return np.asarray(flat.reshape(len(path), 3 * rows) @ signs / np.sqrt(NUMBERS))
+    projected = flat.reshape(len(path), 3 * rows) @ signs / np.sqrt(NUMBERS)
+    return np.asarray(np.rint(projected / GRAIN) * GRAIN)

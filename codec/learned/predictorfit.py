@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,9 +18,10 @@ from ..blocks.motionmodel import (
 )
 from ..blocks.nodes import FOLLOWER, KIND, ROW
 from ..clip import FloatArray, IntArray
+from .fixedorder import add_products, eigenvectors, folded_products, solved, times
 from .gathering import gathered
 from .rehearsal import Rehearsal
-from .samples import Manner
+from .samples import Manner, Sample
 
 ROUNDING_SHARE = 0.015  # of the step: what rounding of one feature's weight may do
 BASIS_GRAIN = 11  # bits after the point that a learned basis keeps
@@ -63,30 +65,42 @@ def products_of(rehearsal: Rehearsal, model: MotionModel, manner: Manner) -> Pro
     step = manner.step / float(1 << STEP_BITS)
     states: list[IntArray] = []
 
-    def both(at: int, walk: Walk) -> tuple[IntArray, FloatArray, FloatArray]:
+    def both(at: int, walk: Walk) -> tuple[IntArray, int, list[Sums]]:
         sample = rehearsal.samples[at]
         state = walk.state[: len(sample.goal)]
-        return state, *gathered(sample, walk.state, model, rehearsal.others(at), step)
+        xs, ys = gathered(sample, walk.state, model, rehearsal.others(at), step)
+        return state, xs.shape[1], [*_sums(sample, xs, ys, model, SURE * step**2)]
 
     walks = rehearsal.walk(model, manner, both)
-    for sample, (state, xs, ys) in zip(rehearsal.samples, walks, strict=True):
+    for state, blocks, sums in walks:
         states.append(state)
-        for node in range(sample.nodes.count):
-            if sample.nodes.table[node, KIND] == FOLLOWER:
-                continue
-            row = int(sample.nodes.table[node, ROW])
-            x, y = xs[node], ys[node]
-            missed = y - x @ (model.weights[row] / float(1 << WEIGHT_BITS))
-            weights = 1.0 / (SURE * step**2 + np.square(missed).mean(axis=1))
-            heavy = x.T * weights
-            gram[row] += heavy @ x
-            cross[row] += heavy @ y
-            square[row] += (y.T * weights) @ y
-            seen[row] += len(x)
-            weight[row] += weights.sum()
+        for row, counts, *parts in sums:
+            for whole, part in zip((gram, cross, square), parts, strict=True):
+                whole[row] += part
+            seen[row] += blocks
+            weight[row] += counts
     share = 1.0 / np.maximum(weight, 1e-12)[:, None, None]
     known = replace(rehearsal, states=states)
+    gram += np.triu(gram, 1).transpose(0, 2, 1)
     return Products(gram * share, cross * share, square * share, seen, known)
+
+
+Sums: TypeAlias = tuple[int, float, FloatArray, FloatArray, FloatArray]
+
+
+def _sums(
+    sample: Sample, xs: FloatArray, ys: FloatArray, model: MotionModel, sure: float
+) -> Iterator[Sums]:
+    """Yield (row, what its blocks count for, gram, cross, square) of every node that is coded."""
+    features, channels = model.weights.shape[1:]
+    for node, about in enumerate(sample.nodes.table):
+        if about[KIND] != FOLLOWER:
+            row = int(about[ROW])
+            sizes = (features, features), (features, channels), (channels, channels)
+            gram, cross, square = (np.zeros(size) for size in sizes)
+            weights = model.weights[row] / float(1 << WEIGHT_BITS)
+            counts = add_products(xs[node], ys[node], weights, sure, gram, cross, square)
+            yield row, counts, gram, cross, square
 
 
 def fit_predictors(
@@ -110,13 +124,14 @@ def fit_predictors(
         used[PARENTS : PARENTS + 2 * (channels + 6)] = 0.0
     weights, basis = model.folded_weights.copy(), model.folded_basis.copy()
     for row in np.flatnonzero(seen >= LEAST_BLOCKS).tolist():
-        own = fold @ gram[row] @ fold.T * np.outer(used, used)
-        both = fold @ cross[row] @ cosine.T * used[:, None]
+        own = folded_products(fold, gram[row], fold) * np.outer(used, used)
+        both = folded_products(fold, cross[row], cosine) * used[:, None]
         if not keep_weights:
             weights[row] = _weights(own, both, manner.step / float(1 << STEP_BITS))
-        fitted = weights[row] / float(1 << WEIGHT_BITS)
-        left = cosine @ square[row] @ cosine.T
-        left += fitted.T @ own @ fitted - fitted.T @ both - both.T @ fitted
+        foreseen = np.ascontiguousarray(weights[row].T / float(1 << WEIGHT_BITS))
+        shared = times(foreseen, both)
+        left = folded_products(cosine, square[row], cosine) - shared - shared.T
+        left += folded_products(foreseen, own, foreseen)
         if "basis" not in without:
             basis[row] = _basis(left, model.span)
     return replace(model, folded_weights=weights, folded_basis=basis)
@@ -131,13 +146,12 @@ def _weights(own: FloatArray, both: FloatArray, step: float) -> IntArray:
     """
     usual = np.sqrt(np.maximum(np.diag(own), 0.0)) + 1e-6
     ridge = RIDGE * min(step / 0.1, 6.0)
-    normal = own / np.outer(usual, usual) + ridge * np.eye(len(own))
-    target = both / usual[:, None]
-    moved = np.linalg.solve(normal, target)
+    moved = solved(own / np.outer(usual, usual) + ridge * np.eye(len(own)), both / usual[:, None])
     allowed = ROUNDING_SHARE * step / usual * (1 << WEIGHT_BITS)
-    grain = np.exp2(np.clip(np.floor(np.log2(np.maximum(allowed, 1.0))), 0, 15))[:, None]
+    bits = np.clip(np.frexp(allowed)[1] - 1, 0, 15)[:, None]
     fine = moved / usual[:, None] * (1 << WEIGHT_BITS)
-    return np.asarray(np.rint(fine / grain) * grain, np.int64)
+    coarse = np.rint(np.ldexp(fine, -bits)).astype(np.int64)
+    return np.asarray(coarse << bits)
 
 
 def _basis(covariance: FloatArray, span: int) -> IntArray:
@@ -148,13 +162,12 @@ def _basis(covariance: FloatArray, span: int) -> IntArray:
     """
     stretch = np.ones(span)
     stretch[-1] = LAST_FRAME
-    stretch /= LAST_FRAME ** (1.0 / span)
+    stretch /= round(LAST_FRAME ** (1.0 / span), 9)  # whose last bits machines know differently
     cosine, scales = cosine_basis(span), np.repeat(stretch, 3)
-    stretched = (cosine * scales) @ cosine.T
-    relaxed = (cosine / scales) @ cosine.T
-    alike = stretched @ covariance @ stretched
-    _, vectors = np.linalg.eigh(alike + 1e-12 * np.eye(len(covariance)))
-    rows = vectors.T[::-1]
+    stretched = times(cosine * scales, np.ascontiguousarray(cosine.T))
+    relaxed = times(cosine / scales, np.ascontiguousarray(cosine.T))
+    rows = eigenvectors(folded_products(stretched, covariance, stretched))
     signs = np.sign(rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)])
-    coarse = np.rint((rows * signs[:, None]) @ relaxed * (1 << BASIS_GRAIN)).astype(np.int64)
+    fine = times(rows * signs[:, None], relaxed)
+    coarse = np.rint(fine * (1 << BASIS_GRAIN)).astype(np.int64)
     return np.asarray(coarse << (BASIS_BITS - BASIS_GRAIN))

@@ -1,22 +1,38 @@
-"""Fitting the expected sizes of a motion model to what closed-loop walks quantise."""
+"""Fitting the expected sizes of a motion model to what closed-loop walks quantise.
+
+A generalised linear model (McCullagh & Nelder 1989, Section 2.5): the logarithm l of an expected
+size is linear in what the decoder knows, and sizes q are two-sided geometric. Of a table for the
+expected size m = e^l the length of q changes with l as (m - q) / √(1 + m²), and in the mean over
+all q that changes as m / √(1 + m²): so Newton's steps have a closed form (Fisher scoring).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import minimize
 
+from ..arithmetic.compiled import compiled
 from ..blocks.motionmodel import GROUPS, MotionModel
 from ..blocks.nodes import FOLLOWER, KIND, ROW
 from ..clip import FloatArray, IntArray
 from .abreast import abreast
+from .fixedorder import solved
 from .rehearsal import Rehearsal
 from .samples import Manner
 
 LEAST_BLOCKS = 200  # a row seen in fewer keeps the numbers that it had
 MOST_SAMPLES = 6000  # blocks of a row that the fit looks at
+LEAST_MEAN = 0.003  # quantiser steps
+RIDGE = 1e-3  # nats for every squared sense
+HOLD = 1e-3  # nats for how far a logarithm is from where it begins, squared
+SCORINGS = 12  # steps at the most
+LARGEST_SCORING = 1.0  # of any number in one step
+SETTLED = 1e-4  # a step of less is the last one
+LN2 = 0.6931471805599453
+LOWEST, HIGHEST = -7 * 256, 22 * 256  # 1/256 octaves: expected sizes that are told apart
 
 
 def fit_all_sizes(
@@ -39,64 +55,95 @@ def fit_all_sizes(
     rows = [row for row in range(model.rows) if sum(map(len, signs[row])) >= LEAST_BLOCKS]
     rng = np.random.default_rng(0)
 
-    def seen() -> Iterator[tuple[FloatArray, FloatArray]]:
+    def seen() -> Iterator[tuple[IntArray, IntArray]]:
         for row in rows:
-            x = np.concatenate(signs[row]) / np.float64(256.0) * contexts
+            x = np.concatenate(signs[row]) * contexts
             q = np.abs(np.concatenate(sizes[row]))
             if len(x) > MOST_SAMPLES:
                 chosen = rng.choice(len(x), MOST_SAMPLES, replace=False)
                 x, q = x[chosen], q[chosen]
-            yield np.asarray(x, np.float64), q.astype(np.float64)
+            yield x, q
 
     fits = abreast(lambda both: fit_sizes(*both), seen())
     for row, (found_base, found_senses) in zip(rows, fits, strict=True):
-        base[row] = np.rint(found_base * 256)
-        senses[row] = np.rint(found_senses * 256)
+        base[row], senses[row] = found_base, found_senses
     return replace(model, base=base, senses=senses)
 
 
-def fit_sizes(signs: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (base, senses) that make ``sizes`` cheapest under two-sided geometric tables.
+def fit_sizes(signs: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
+    """Return (base, senses), × 256, that make ``sizes`` cheapest under two-sided geometric tables.
 
-    ``signs``: (blocks, signs), ``sizes``: (blocks, coefficients) absolute quantised values.
+    ``signs``: (blocks, signs) × 256; ``sizes``: (blocks, coefficients) absolute quantised values.
     """
-    blocks, channels = sizes.shape
+    channels = sizes.shape[1]
     third = max(channels // GROUPS, 1)
-    group = np.minimum(np.arange(channels) // third, GROUPS - 1)
-    centre = signs.mean(axis=0)
-    x = signs - centre
-    start = np.log(np.maximum(sizes.mean(axis=0), 0.003))
-    # in place: making arrays anew takes longer than filling them
-    mean, square, root, above, theta, less, more = (np.empty(sizes.shape) for _ in range(7))
+    centre = np.rint(signs.mean(axis=0))
+    x = (signs - centre) / 256.0
+    base, senses = np.zeros(channels), np.zeros((GROUPS, signs.shape[1]))
+    for group in range(GROUPS):
+        own = slice(third * group, channels if group == GROUPS - 1 else third * (group + 1))
+        found = _fitted(x, sizes[:, own]) * 256.0 / LN2
+        coefficients = len(found) - len(centre)
+        senses[group] = np.rint(found[coefficients:])
+        base[own] = found[:coefficients] - (found[coefficients:] * centre / 256.0).sum()
+    return np.rint(base).astype(np.int64), senses.astype(np.int64)
 
-    def cost(values: FloatArray) -> tuple[float, FloatArray]:
-        base, senses = values[:channels], values[channels:].reshape(GROUPS, -1)
-        np.add(base, (x @ senses.T)[:, group], out=mean)
-        np.exp(np.clip(mean, -4.85, 15.0, out=mean), out=mean)
-        np.multiply(mean, mean, out=square)
-        np.sqrt(np.add(square, 1.0, out=root), out=root)
-        np.subtract(root, 1.0, out=above)
-        np.divide(above, mean, out=theta)
-        np.subtract(1.0, theta, out=less)
-        np.add(1.0, theta, out=more)
-        slope = np.divide(square, root, out=root)  # of theta over the mean: (m² / r - (r - 1)) / m²
-        slope -= above
-        slope /= square
-        bits = np.log(np.divide(more, less, out=square), out=square)
-        bits -= np.multiply(sizes, np.log(theta, out=above), out=above)
-        step = np.divide(1.0, less, out=less)  # of bits over the mean's logarithm
-        step += np.divide(1.0, more, out=more)
-        step -= np.divide(sizes, theta, out=theta)
-        step *= slope
-        step *= mean
-        by_group = np.stack([step[:, group == g].sum(axis=1) for g in range(GROUPS)], axis=1)
-        gradient = np.concatenate([step.sum(axis=0), (by_group.T @ x).ravel()]) / blocks
-        penalty = 1e-3 * np.square(senses).sum()
-        gradient[channels:] += 2e-3 * senses.ravel()
-        return float(bits.sum() / blocks + penalty), gradient
 
-    values = np.concatenate([start, np.zeros(GROUPS * signs.shape[1])])
-    best = minimize(cost, values, jac=True, method="L-BFGS-B", options={"maxiter": 60}).x
-    base = best[:channels] / np.log(2.0)
-    senses = best[channels:].reshape(GROUPS, -1) / np.log(2.0)
-    return base - (senses @ centre)[group], senses
+def _fitted(x: FloatArray, sizes: IntArray) -> FloatArray:
+    """Return the logarithms of a group's sizes where ``x`` is zero, and what each x adds."""
+    coefficients = sizes.shape[1]
+    usual = np.maximum(sizes.mean(axis=0), LEAST_MEAN)
+    known = np.zeros(coefficients + x.shape[1])
+    known[:coefficients] = np.round(np.log(usual), 6)  # whose last bits machines know differently
+    ridge = 2.0 * np.where(np.arange(len(known)) < coefficients, HOLD, RIDGE)
+    begin = known
+    contiguous = np.ascontiguousarray(sizes)
+    for _ in range(SCORINGS):
+        slope, curve = _scores(x, contiguous, known, *_tables())
+        slope = slope / len(x) + ridge * (known - begin)
+        curve = curve / len(x) + np.diag(ridge)
+        step = solved(curve, slope[:, None])[:, 0]
+        largest = np.abs(step).max()
+        known = known - step * min(1.0, LARGEST_SCORING / max(largest, SETTLED))
+        if largest < SETTLED:
+            break
+    return known
+
+
+@lru_cache(maxsize=1)
+def _tables() -> tuple[FloatArray, FloatArray]:
+    """Return m / √(1 + m²) and 1 / √(1 + m²) for every expected size m that is told apart."""
+    mean = np.exp2(np.arange(LOWEST, HIGHEST + 1) / 256.0)
+    root = np.sqrt(1.0 + mean**2)
+    curve, inverse = (np.rint(each * 2.0**40) * 2.0**-40 for each in (mean / root, 1.0 / root))
+    return curve, inverse
+
+
+@compiled
+def _scores(
+    x: FloatArray, sizes: IntArray, known: FloatArray, curves: FloatArray, inverses: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the first and the expected second derivatives of what all sizes take, in nats."""
+    coefficients, count = sizes.shape[1], len(known)
+    slope, curve = np.zeros(count), np.zeros((count, count))
+    for block in range(len(x)):
+        level = 0.0
+        for k in range(coefficients, count):
+            level += known[k] * x[block, k - coefficients]
+        slopes, curved = 0.0, 0.0
+        for c in range(coefficients):
+            octaves = round((known[c] + level) * (256.0 / LN2))
+            at = min(max(octaves, LOWEST), HIGHEST) - LOWEST
+            own = curves[at] - sizes[block, c] * inverses[at]
+            slopes += own
+            curved += curves[at]
+            slope[c] += own
+            curve[c, c] += curves[at]
+            for k in range(coefficients, count):
+                curve[k, c] += curves[at] * x[block, k - coefficients]
+        for k in range(coefficients, count):
+            slope[k] += slopes * x[block, k - coefficients]
+            heavy = curved * x[block, k - coefficients]
+            for j in range(coefficients, k + 1):
+                curve[k, j] += heavy * x[block, j - coefficients]
+    return slope, curve  # whose lower half `solved` reads

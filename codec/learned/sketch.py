@@ -23,7 +23,8 @@ def sketch_of(path: IntArray, nodes: Nodes, rig: Rig) -> Sketch:
 
     ``path``: (frames, nodes, 4) turns and places. What retrieval compares of every node,
     projected by fixed random signs (Johnson and Lindenstrauss): distances survive, and clips
-    need not share their varying joints.
+    need not share their varying joints. They are whole, 1/64 cm, so that distances are exact and
+    every machine finds the same neighbours.
     """
     rows = 2 * rig.skeleton.joints
     span = usual_span(rig.frame_time)
@@ -36,4 +37,5 @@ def sketch_of(path: IntArray, nodes: Nodes, rig: Rig) -> Sketch:
     flat[active] = keys[active]
     signs = np.random.default_rng(rows).choice([-1.0, 1.0], (rows * COMPARED, SKETCH_NUMBERS))
     moments = flat.transpose(1, 0, 2).reshape(keys.shape[1], rows * COMPARED)
-    return np.asarray(moments @ signs / np.sqrt(SKETCH_NUMBERS), np.float32)
+    projected = moments @ signs / np.sqrt(SKETCH_NUMBERS)
+    return np.asarray(np.rint(projected), np.float32)
