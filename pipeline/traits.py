@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import lzma
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
@@ -27,6 +28,7 @@ from .layout import traits_path
 POSE_UNITS = 2.0  # of a centimetre: landmarks are compared to some
 DIGITS = 16  # of the digest that a file begins with
 _LEVELS = 127.0
+_XZ = b"\xfd7zXZ"
 
 Key = TypeVar("Key", str, int)
 
@@ -55,7 +57,7 @@ def write_traits(
     # finer where numbers are small, which most are
     roots = np.sign(sketches) * np.sqrt(np.abs(sketches) / largest)
     data = io.BytesIO()
-    np.savez_compressed(
+    np.savez(
         data,
         names=np.frombuffer(_digest(names), np.uint8),
         largest=np.float64(largest),
@@ -69,7 +71,8 @@ def write_traits(
         lengths=np.array([trait.landmarks.length for trait in traits], np.uint32),
         depths=np.array([trait.depth for trait in traits], np.uint8),
     )
-    whole = data.getvalue()
+    # xz rather than zip's deflate, of which machines have different makes: a quarter smaller, too
+    whole = lzma.compress(data.getvalue())
     write_whole(traits_path(archive, generation), digest(whole).encode() + whole)
 
 
@@ -113,6 +116,8 @@ def _kept(path: Path, names: bytes, times: Sequence[float]) -> list[Trait]:
     if whole is None:
         return []
     try:
+        if whole.startswith(_XZ):  # not so in earlier archives
+            whole = lzma.decompress(whole)
         with np.load(io.BytesIO(whole)) as arrays:
             if arrays["names"].tobytes() != names:  # of a job that was never published
                 return []
@@ -132,7 +137,7 @@ def _kept(path: Path, names: bytes, times: Sequence[float]) -> list[Trait]:
                 sketches, frames, poses, lengths, times, depths, strict=True
             )
         ]
-    except (ValueError, KeyError):  # another motifold's
+    except (ValueError, KeyError, lzma.LZMAError):  # another motifold's
         return []
 
 
