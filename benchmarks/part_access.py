@@ -101,8 +101,8 @@ def family_of(archive: Archive, path: Path) -> set[Path]:
             found.add(file)
             index = read_index(file, piecewise=True)
             assert isinstance(index, MotionFile)
-            numbers = read_references(index.cores[0])
-            waiting += [index_path(archive.path, archive.numbered[n].index) for n in numbers]
+            named = read_references(index)
+            waiting += [index_path(archive.path, archive.numbered[n].index) for n, _ in named]
     return found
 
 

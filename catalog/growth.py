@@ -90,7 +90,7 @@ def ledger_growth(archive: Archive) -> list[GrowthPoint]:
             largest = max(largest, index.certificate.maximum)
             error_sum += index.certificate.mean * row.frames
             if isinstance(index, MotionFile):
-                predicted += bool(read_references(index.cores[0]))
+                predicted += bool(read_references(index))
             else:
                 predicted += bool(sum(map(sum, job.patterns.values())))
         rows = list(seen.values())

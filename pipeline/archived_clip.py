@@ -57,8 +57,8 @@ class Opened(Protocol):
 class Follow(NamedTuple):
     """From ``start`` to ``stop`` a clip goes as ``clip`` does from ``begun`` on; seconds.
 
-    ``moved``: in another place, or facing another way. ``replaced``: that clip's file has changed
-    since; what is meant is the motion that it had.
+    ``moved``: in another place, or facing another way; ``mirrored``: left for right;
+    ``replaced``: that clip's file has changed since, and what is meant is the motion that it had.
     """
 
     clip: str
@@ -66,6 +66,7 @@ class Follow(NamedTuple):
     start: float
     stop: float
     moved: bool
+    mirrored: bool
     replaced: bool
 
 
@@ -141,23 +142,23 @@ class ArchivedClip:
     def follows(self) -> list[Follow]:
         """Where it goes as other clips do, because it is a copy of them. Raises `DamagedError`."""
         index = self.index(prefix_only=True)
-        if not isinstance(index, MotionFile) or not index.led:
+        if not isinstance(index, MotionFile):
             return []
         try:
-            numbers = read_references(index.cores[0])
-            leads = read_leads(index.cores[0], index.frames)
+            named, leads = read_references(index), read_leads(index)
         except DamagedError as problem:
             raise problem.within(self.path) from problem
         found, rows = [], self.archive.numbered
         for lead in leads:
-            number = numbers[lead.reference]
+            number, mirrored = named[lead.reference]
             if number >= len(rows):
                 raise DamagedError(f"follows clip {number} of {len(rows)}", file=self.path)
             row = rows[number]
             begun = lead.start * self.archive.rig(row.rig).frame_time
             start, stop = lead.first * self.frame_time, lead.stop * self.frame_time
             replaced = self.archive.rows[row.name][0] is not row
-            found.append(Follow(row.name, begun, start, stop, lead.move is not None, replaced))
+            how = lead.move is not None, mirrored, replaced
+            found.append(Follow(row.name, begun, start, stop, *how))
         return found
 
     @property
@@ -195,11 +196,7 @@ class ArchivedClip:
         """
         some = parts is not None or (start, stop) != (0, None)
         index = self.index(prefix_only=tier == "preview", piecewise=some)
-        if (
-            tier == "preview"
-            and isinstance(index, MotionFile)
-            and not read_references(index.cores[0])
-        ):
+        if tier == "preview" and isinstance(index, MotionFile) and not read_references(index):
             # nothing to look like: it shows itself
             index, tier = self.index(piecewise=some), "tolerance"
         try:

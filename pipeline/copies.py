@@ -35,38 +35,48 @@ class Copy(NamedTuple, Generic[Name]):
     original: Name
     shift: int
     stride: int
+    mirrored: bool = False
 
 
-def find_copies(clips: Sequence[Landmarks], first: int = 0) -> list[list[Copy[int]]]:
+def find_copies(
+    clips: Sequence[Landmarks], first: int = 0, images: Sequence[Landmarks | None] = ()
+) -> list[list[Copy[int]]]:
     """Return what each clip may be a copy of, the likeliest first.
 
-    Clips before ``first`` are archived, so originals only.
+    Clips before ``first`` are archived, so originals only. ``images``: the mirror images of the
+    others, as far as they have one.
     """
-    ranked: list[list[tuple[int, int, int, int, int]]] = [[] for _ in clips]
+    ranked: list[list[tuple[int, int, int, int, int, bool]]] = [[] for _ in clips]
     lengths = [len(clip.frames) for clip in clips]
     if sum(lengths) < 2:
         return [[] for _ in clips]
     poses = np.concatenate([clip.poses for clip in clips])
     frames = np.concatenate([clip.frames for clip in clips])
     owners = np.repeat(np.arange(len(clips)), lengths)
-    near = min(NEAREST, len(poses))
-    _, others = cKDTree(poses).query(poses, k=near, distance_upper_bound=RADIUS)
-    mine, theirs = np.repeat(np.arange(len(poses)), near), np.asarray(others).ravel()
-    known = theirs < len(poses)
-    mine, theirs = mine[known], theirs[known]
-    apart = owners[mine] != owners[theirs]
-    shared: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
-    for own, other in zip(mine[apart].tolist(), theirs[apart].tolist(), strict=True):
-        pair = int(owners[own]), int(owners[other])
-        if _goes_first(clips, pair[1], pair[0], first):
-            shared[pair].append((int(frames[own]), int(frames[other])))
-    for (copy, original), pairs in sorted(shared.items()):
+    tree, near = cKDTree(poses), min(NEAREST, len(poses))
+    shared: dict[tuple[int, int, bool], list[tuple[int, int]]] = defaultdict(list)
+    asked = [(number, clip, False) for number, clip in enumerate(clips)]
+    asked += [(number, clip, True) for number, clip in enumerate(images, first) if clip]
+    for number, clip, mirrored in asked:
+        if not len(clip.frames):
+            continue
+        _, others = tree.query(clip.poses, k=near, distance_upper_bound=RADIUS)
+        mine, theirs = np.repeat(clip.frames, near), np.asarray(others).ravel()
+        known = theirs < len(poses)
+        mine, theirs = mine[known], theirs[known]
+        apart = owners[theirs] != number
+        for own, other in zip(mine[apart].tolist(), theirs[apart].tolist(), strict=True):
+            original = int(owners[other])
+            if _goes_first(clips, original, number, first):
+                shared[number, original, mirrored].append((own, int(frames[other])))
+    for (copy, original, mirrored), pairs in sorted(shared.items()):
         stride = _stride(clips[copy], clips[original])
         if stride is None:
             continue
         votes, shift = _agreed(pairs, stride)
         if votes >= min(LEAST_SHARED, max(lengths[copy], 2)):
-            ranked[copy].append((-votes, -clips[original].length, original, shift, stride))
+            length = clips[original].length
+            ranked[copy].append((-votes, -length, original, shift, stride, mirrored))
     return [[Copy(*each[2:]) for each in sorted(votes)[:MOST_ORIGINALS]] for votes in ranked]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from ..codec.blocks.motionmodel import MotionModel, model_key
+from ..codec.version2.motionhead import Named
 from .archive import Archive
 from .executors import Executor, map_batches
 from .motion_tasks import DEEPEST_REFERENCE, Recalled, recall_batch
@@ -20,8 +21,8 @@ class EarlierClips:
     """The clips of an archive before a job.
 
     ``models``: by key, those that the new clips are coded with. ``depths``: of clips that may be
-    referred to, by number. ``ready``: those that were decoded and left for the workers in
-    ``scratch``.
+    referred to, by number. ``ready``: those, and images of those, that were decoded and left for
+    the workers in ``scratch``.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class EarlierClips:
             for number, trait in self._kept.items()
             if trait.depth < DEEPEST_REFERENCE
         }
-        self.ready: set[int] = set()
+        self.ready: set[Named] = set()
 
     def traits(self, key: str) -> Traits[int]:
         """Return what is known of clips of one kind of rig.
@@ -52,28 +53,28 @@ class EarlierClips:
         own = [n for n, row in enumerate(self._archive.numbered) if keys[row.rig] == key]
         known = _thinned([number for number in own if number in self.depths], MOST_KNOWN)
         unknown = _thinned([number for number in own if number not in self._kept], MOST_DECODED)
-        made = self._decoded(key, unknown)
+        made = self._decoded(key, [Named(number) for number in unknown])
         kept = self._kept
         return Traits(
             {**{number: kept[number].sketch for number in known}, **made.clips},
             {**{number: kept[number].landmarks for number in known}, **made.landmarks},
         )
 
-    def recall(self, key: str, numbers: Collection[int]) -> None:
+    def recall(self, key: str, wanted: Collection[Named]) -> None:
         """Decode clips for the workers; ``ready`` says which could be."""
-        self._decoded(key, sorted(set(numbers) - self.ready))
+        self._decoded(key, sorted(set(wanted) - self.ready))
 
-    def _decoded(self, key: str, numbers: Sequence[int]) -> Recalled:
+    def _decoded(self, key: str, wanted: Sequence[Named]) -> Recalled:
         made = Recalled()
         batches = [
-            tuple(numbers[at : at + BATCH_CLIPS]) for at in range(0, len(numbers), BATCH_CLIPS)
+            tuple(wanted[at : at + BATCH_CLIPS]) for at in range(0, len(wanted), BATCH_CLIPS)
         ]
         known = (self._archive, {key: self._models[key]}, str(self._scratch))
         for _, result in map_batches(self._engine, recall_batch, batches, *known, lost=_none):
             made.clips.update(result.clips)
             made.landmarks.update(result.landmarks)
             made.depths.update(result.depths)
-        self.ready.update(made.clips)
+            self.ready.update(result.ready)
         self.depths.update(made.depths)
         return made
 
@@ -82,6 +83,6 @@ def _thinned(numbers: Sequence[int], most: int) -> Sequence[int]:
     return numbers[:: -(-len(numbers) // most)] if numbers else numbers
 
 
-def _none(numbers: Sequence[int]) -> Recalled:
-    del numbers
+def _none(wanted: Sequence[Named]) -> Recalled:
+    del wanted
     return Recalled()

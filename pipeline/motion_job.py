@@ -20,8 +20,8 @@ from ..codec.learned.predictorfit import products_of
 from ..codec.learned.rehearsal import Rehearsal
 from ..codec.learned.samples import Manner
 from ..codec.learned.sketch import Sketch
-from ..codec.version2.leadfinding import Hint
 from ..codec.version2.motionencode import LARGEST_STEP, MEAN_STEP, THRIFT, MotionEncoder
+from ..codec.version2.motionhead import Named
 from .archive import Archive
 from .assigning import Wish, assigned
 from .earlier import EarlierClips
@@ -36,6 +36,7 @@ from .motion_tasks import (
 )
 from .plan import BATCH_CLIPS, Settings
 from .references import ReferenceFinder
+from .relay import Relay
 from .tasks import EncodedBatch, EncodedClip, Prepared, lost_failures
 from .traits import Trait, Traits, write_traits
 
@@ -80,7 +81,7 @@ class MotionJob:
         scratch = self.folder / SCRATCH / token_hex(8)
         try:
             began = monotonic()
-            own = self._sketched(batches, tell)
+            own, images = self._sketched(batches, tell)
             self.seconds["sketch"] = monotonic() - began
             items = {item.source.name: item for batch in batches for item in batch}
             groups: dict[str, list[str]] = {}
@@ -99,7 +100,7 @@ class MotionJob:
             models = {key: model for key, (_, model) in self.models.items()}
             archive = Archive(self.folder) if self.first and groups else None
             earlier = EarlierClips(self.engine, archive, models, scratch)
-            levels = self._planned(groups, earlier, own)
+            levels = self._planned(groups, earlier, own, images)
             rows: list[str] = []
             for item, encoded in self._encoded(levels, items, earlier, scratch, tell):
                 yield item, encoded
@@ -130,18 +131,20 @@ class MotionJob:
 
     def _sketched(
         self, batches: Sequence[tuple[Prepared, ...]], tell: Callable[[str, int, int], None]
-    ) -> Traits[str]:
-        found = Traits[str]({}, {})
+    ) -> tuple[Traits[str], Traits[str]]:
+        """Return what is known of clips, and of their mirror images as far as they have one."""
+        found, images = Traits[str]({}, {}), Traits[str]({}, {})
         done, clips = 0, sum(map(len, batches))
         for batch, result in map_batches(
             self.engine, sketch_batch, batches, self.families, self.settings, lost=lost_sketches
         ):
-            found.sketches.update(result.clips)
-            found.landmarks.update(result.landmarks)
+            for known, more in ((found, result.clips), (images, result.images)):
+                known.sketches.update(more.sketches)
+                known.landmarks.update(more.landmarks)
             self.failures += result.failures
             done += len(batch)
             tell("sketch", done, clips)
-        return found
+        return found, images
 
     def _learn(
         self,
@@ -172,7 +175,7 @@ class MotionJob:
             finder = ReferenceFinder(self.settings.references + 1)
             finder.add([sketches[name] for name in chosen])
             neighbours = [
-                [other for other in finder.find(sketches[name]) if other != at][
+                [other.number for other in finder.find(sketches[name]) if other.number != at][
                     : self.settings.references
                 ]
                 for at, name in enumerate(chosen)
@@ -204,7 +207,11 @@ class MotionJob:
                 self.models[key] = self.generation, best.model
 
     def _planned(
-        self, groups: Mapping[str, list[str]], earlier: EarlierClips, own: Traits[str]
+        self,
+        groups: Mapping[str, list[str]],
+        earlier: EarlierClips,
+        own: Traits[str],
+        images: Traits[str],
     ) -> list[list[Wish]]:
         """Return, per level, clips with those that they refer to; earlier ones are decoded."""
         levels: list[list[Wish]] = []
@@ -215,12 +222,13 @@ class MotionJob:
             )
             most, seed = self.settings.references, self.settings.seed
             before = earlier.traits(key) if most else Traits[int]({}, {})
-            wishes = assigned(members, before, most, seed)
+            wishes = assigned(members, images, before, most, seed)
             levels += [[] for _ in range(len(wishes) - len(levels))]
             for level, more in zip(levels, wishes, strict=False):
                 level += more
-            named = {each for level in wishes for wish in level for each in wish.references}
-            earlier.recall(key, {each for each in named if isinstance(each, int)})
+            wanted = {each for level in wishes for wish in level for each in wish.references}
+            archived = [Named(clip, flip) for clip, flip in wanted if isinstance(clip, int)]
+            earlier.recall(key, archived)
         return levels
 
     def _encoded(
@@ -236,38 +244,14 @@ class MotionJob:
             key: MotionEncoder(self.families[key.rsplit("-", 1)[0]], model, generation, by_part)
             for key, (generation, model) in self.models.items()
         }
-        wanted = {name for level in levels for wish in level for name in wish.references}
-        numbers: dict[str, int] = {}
-        referred: dict[str, list[int]] = {}
+        relay = Relay(scratch, levels, earlier.ready)
+        below: dict[str, int] = {}
         done, clips = 0, sum(map(len, levels))
         for level in levels:
-            work = []
-            for wish in level:
-                known = {
-                    other: numbers[other] if isinstance(other, str) else other
-                    for other in wish.references
-                    if (other in earlier.ready if isinstance(other, int) else other in numbers)
-                }
-                order = sorted(known.values())
-                hints = tuple(
-                    Hint(order.index(known[copy.original]), copy.shift, copy.stride)
-                    for copy in wish.copies
-                    if copy.original in known
-                )
-                references = tuple((number, f"{number}.npz") for number in order)
-                work.append((items[wish.name], references, wish.name in wanted, hints))
-                referred[wish.name] = order
-            # a clip's own number is not known yet, so what it leaves goes by its source's digest
-            assignments = [
-                Assignment(
-                    item,
-                    model_key(item.rig),
-                    references,
-                    f"{item.digest}-{item.rig_number}.npz" if offered else None,
-                    hints,
-                )
-                for item, references, offered, hints in work
-            ]
+            assignments = [relay.assignment(wish, items[wish.name]) for wish in level]
+            for work in assignments:
+                depths = [earlier.depths[named.number] for named, _ in work.references]
+                below[work.item.source.name] = max(depths, default=-1)
             batches = [
                 tuple(assignments[at : at + BATCH_CLIPS])
                 for at in range(0, len(assignments), BATCH_CLIPS)
@@ -286,12 +270,8 @@ class MotionJob:
                     item = items[encoded.name]
                     number = self.first + self.numbered
                     self.numbered += 1
-                    numbers[encoded.name] = number
-                    below = [earlier.depths[other] for other in referred[encoded.name]]
-                    earlier.depths[number] = 1 + max(below, default=-1)
-                    left = scratch / f"{item.digest}-{item.rig_number}.npz"
-                    if left.exists():
-                        left.replace(scratch / f"{number}.npz")
+                    earlier.depths[number] = 1 + below[encoded.name]
+                    relay.number(item, number)
                     yield item, encoded
                 done += len(batch)
                 tell("encode", done, clips)

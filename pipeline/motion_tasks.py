@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..codec.blocks.leads import Track
+from ..codec.blocks.mirrored import image_of
 from ..codec.blocks.motionmodel import MotionModel, model_key
 from ..codec.blocks.offered import Reference, reference_of
 from ..codec.blocks.recall import Memory
@@ -25,6 +26,7 @@ from ..codec.version2.leadfinding import Hint
 from ..codec.version2.motionencode import MotionEncoder
 from ..codec.version2.motionfile import MotionFile
 from ..codec.version2.motiongoal import goal_of
+from ..codec.version2.motionhead import Named
 from .archive import Archive
 from .durable import digest
 from .indexreader import read_index
@@ -32,6 +34,7 @@ from .layout import index_path
 from .ledger import Failure
 from .plan import Settings
 from .tasks import EncodedBatch, EncodedClip, Prepared, attempt, lost_failures
+from .traits import Traits
 
 DEEPEST_REFERENCE = 6  # levels below a clip that others may refer to
 SAMPLE_FRAMES = 1500  # of a clip that a model is learned from
@@ -40,10 +43,10 @@ CACHED_BYTES = 96 << 20  # of decoded clips that others refer to, which a worker
 
 @dataclass(eq=False)
 class Sketched:
-    """The result of `sketch_batch`: sketches and landmarks by clip name."""
+    """The result of `sketch_batch`: what is known of clips by name, and of their mirror images."""
 
-    clips: dict[str, Sketch] = field(default_factory=dict)
-    landmarks: dict[str, Landmarks] = field(default_factory=dict)
+    clips: Traits[str] = field(default_factory=lambda: Traits({}, {}))
+    images: Traits[str] = field(default_factory=lambda: Traits({}, {}))
     failures: list[Failure] = field(default_factory=list)
 
 
@@ -51,15 +54,16 @@ class Sketched:
 class Assignment:
     """One clip to encode: what it is, and which clips it is predicted from.
 
-    ``references``: (clip number, scratch name) in ascending order; ``scratch``: under which
-    name its own decoded motion is left for others, or None; ``hints``: where it may go as one
-    of the references.
+    ``references``: (clip, scratch name) in ascending order; ``scratch`` and ``image``: under
+    which names its own decoded motion and the mirror image of that are left for others, or None;
+    ``hints``: where it may go as one of the references.
     """
 
     item: Prepared
     model: str
-    references: tuple[tuple[int, str], ...]
+    references: tuple[tuple[Named, str], ...]
     scratch: str | None
+    image: str | None = None
     hints: tuple[Hint, ...] = ()
 
 
@@ -70,18 +74,23 @@ def sketch_batch(
     out = Sketched()
     for item in batch:
 
-        def sketch(item: Prepared = item) -> tuple[Sketch, Landmarks]:
+        def sketch(item: Prepared = item) -> list[tuple[Sketch, Landmarks]]:
             clip = read_clip(item.source.path, settings.units)
             family = families[item.rig.family_key]
             goal = goal_of(clip, item.rig, family, limits_of(clip, settings.bounds))
-            return (
-                sketch_of(goal.path, goal.nodes, item.rig),
-                landmarks_of(goal.path, goal.nodes, item.rig),
-            )
+            shown = [(goal.path, goal.nodes)]
+            if settings.references and "mirrors" not in settings.without:
+                image = image_of((goal.path,), goal.nodes, item.rig, family)
+                shown += [] if image is None else [(image[0][0], image[1])]
+            return [
+                (sketch_of(path, nodes, item.rig), landmarks_of(path, nodes, item.rig))
+                for path, nodes in shown
+            ]
 
         made = attempt(item.source.name, out.failures, sketch)
-        if made is not None:
-            out.clips[item.source.name], out.landmarks[item.source.name] = made
+        for traits, (sketched, landmarks) in zip((out.clips, out.images), made or (), strict=False):
+            traits.sketches[item.source.name] = sketched
+            traits.landmarks[item.source.name] = landmarks
     return out
 
 
@@ -95,15 +104,24 @@ def sample_of(item: Prepared, family: Family, settings: Settings) -> Sample:
 
 @dataclass(eq=False)
 class Recalled:
-    """The result of `recall_batch`: sketches, landmarks and depths by clip number."""
+    """The result of `recall_batch`: sketches, landmarks and depths by clip number.
+
+    ``ready``: what was left for the workers.
+    """
 
     clips: dict[int, Sketch] = field(default_factory=dict)
     landmarks: dict[int, Landmarks] = field(default_factory=dict)
     depths: dict[int, int] = field(default_factory=dict)
+    ready: list[Named] = field(default_factory=list)
+
+
+def left_name(named: Named) -> str:
+    """Return under which name a decoded clip, or its image, is left for the workers."""
+    return f"{named.number}{'-image' * named.mirrored}.npz"
 
 
 def recall_batch(
-    numbers: tuple[int, ...],
+    wanted: tuple[Named, ...],
     archive: Archive,
     models: Mapping[str, MotionModel],
     scratch: str,
@@ -111,11 +129,12 @@ def recall_batch(
     """Decode clips of earlier jobs that new ones may refer to, and leave them for the workers.
 
     ``models``: by key, those that the new clips are coded with. Clips that are too deep in the
-    graph of references, or damaged, are left out.
+    graph of references, damaged, or without the image that is wanted, are left out.
     """
     out = Recalled()
     rows = archive.numbered
-    for number in numbers:
+    for named in wanted:
+        number = named.number
         with suppress(MotifoldError):
             file = read_index(index_path(archive.path, rows[number].index))
             rig = archive.rig(rows[number].rig)
@@ -127,8 +146,17 @@ def recall_batch(
             decoded = archive.shelf.states(file, rig)
             if not decoded.states:
                 continue  # no frames: nothing to refer to
-            offered = reference_of(decoded.states, decoded.nodes, models[model_key(rig)])
-            save_reference(Path(scratch) / f"{number}.npz", offered)
+            offered = decoded.states, decoded.nodes
+            if named.mirrored:
+                image = image_of(*offered, rig, archive.store.families[rig.family_key])
+                if image is None:
+                    continue
+                offered = image
+            made = reference_of(*offered, models[model_key(rig)])
+            save_reference(Path(scratch) / left_name(named), made)
+            out.ready.append(named)
+            if named.mirrored:
+                continue
             whole = np.concatenate(decoded.states)
             out.clips[number] = sketch_of(whole, decoded.nodes, rig)
             out.landmarks[number] = landmarks_of(whole, decoded.nodes, rig)
@@ -153,12 +181,17 @@ def encode_assigned(
             clip = read_clip(item.source.path, settings.units)
             limits = limits_of(clip, settings.bounds)
             references = [
-                (number, _reference(Path(scratch) / name)) for number, name in work.references
+                (named, _reference(Path(scratch) / name)) for named, name in work.references
             ]
             made = encoder.encode(clip, item.rig, item.rig_number, limits, references, work.hints)
             if work.scratch is not None:
                 offered = reference_of(made.states, made.nodes, encoder.model)
                 save_reference(Path(scratch) / work.scratch, offered)
+            if work.image is not None:
+                image = image_of(made.states, made.nodes, item.rig, encoder.family)
+                if image is not None:
+                    offered = reference_of(*image, encoder.model)
+                    save_reference(Path(scratch) / work.image, offered)
             return EncodedClip(item.source.name, made.data, made.certificate, 0, 0)
 
         made = attempt(work.item.source.name, out.failures, encode)

@@ -32,7 +32,8 @@ class Settings:
     with a ``model`` that is learned where that saves bytes, learned but for the prediction
     (``basis``), or ``fixed``. ``without`` leaves ideas out, to measure what they are worth:
     ``basis``, ``parents`` and ``contexts`` of what is learned (see `learning.learn`), and
-    ``world``: joints are coded as the joints above them see them. ``streams``: ``runs``, one
+    ``world``: joints are coded as the joints above them see them, ``mirrors``: no clip is predicted
+    from the mirror image of another. ``streams``: ``runs``, one
     stream of the body for every 1,024 frames, or ``parts``, one for each body part of these, so
     that a part decodes without the others. Raises `UsageError`.
     """
@@ -71,8 +72,8 @@ class Settings:
         if self.codec == "patterns" and self.streams != "runs":
             raise UsageError("the codec of version 1 has no streams per body part")
         for name in self.without:
-            if name not in (*LEARNED, "world"):
-                advice = f"Use {', '.join(LEARNED)} or world"
+            if name not in (*LEARNED, "world", "mirrors"):
+                advice = f"Use {', '.join(LEARNED)}, world or mirrors"
                 raise UsageError(f"nothing is called {name!r}", advice=advice)
             if name in LEARNED and self.model != "learned":
                 raise UsageError(f"only a learned model can do without {name}")

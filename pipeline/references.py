@@ -8,6 +8,7 @@ moments: each one names the clips that had moments like it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -31,6 +32,13 @@ def levels_of(count: int, seed: int) -> IntArray:
     return np.searchsorted(borders, place, side="right").astype(np.int64)
 
 
+class Candidate(NamedTuple):
+    """A clip by its number among candidates, or its mirror image."""
+
+    number: int
+    mirrored: bool = False
+
+
 class ReferenceFinder:
     """Finds clips with moments like those of another one, among the candidates added so far."""
 
@@ -47,27 +55,39 @@ class ReferenceFinder:
         self._lengths += [len(sketch) for sketch in sketches]
         self._tree = None
 
-    def find(self, sketch: Sketch) -> list[int]:
-        """Return the candidates that serve a clip best, the best first."""
+    def find(self, sketch: Sketch, image: Sketch | None = None) -> list[Candidate]:
+        """Return the candidates that serve a clip best, the best first.
+
+        ``image``: of its mirror image. What that is like is like the clip in a mirror.
+        """
         if self._tree is None and any(self._lengths):
             self._tree = cKDTree(np.concatenate(self._moments))
             self._owner = np.repeat(np.arange(len(self._lengths)), self._lengths)
         if self._tree is None or not len(sketch):
             return []
-        _, near = self._tree.query(sketch, k=min(NEIGHBOURS, len(self._owner)))
-        owners = self._owner[np.asarray(near).reshape(len(sketch), -1)]
-        votes = np.zeros(len(self._lengths))
+        count, neighbours = len(self._lengths), min(NEIGHBOURS, len(self._owner))
+        voted, apart = [], []
+        for asked in (sketch,) if image is None else (sketch, image):
+            far, near = self._tree.query(asked, k=neighbours)
+            apart.append(np.asarray(far).reshape(len(sketch), -1))
+            voted.append(self._owner[np.asarray(near).reshape(len(sketch), -1)])
+        owners = np.concatenate([owner + count * n for n, owner in enumerate(voted)], axis=1)
+        if image is not None:
+            order = np.argsort(np.concatenate(apart, axis=1), axis=1, kind="stable")
+            owners = np.take_along_axis(owners, order[:, :neighbours], axis=1)
+        votes = np.zeros(2 * count)
         for row in owners:
             _, first = np.unique(row, return_index=True)
             rank = np.argsort(np.argsort(first))
             votes[row[first]] += 1.0 / (2.0 + rank)
-        chosen: list[int] = []
+        chosen: list[Candidate] = []
         moments = 0
         for candidate in np.argsort(-votes, kind="stable").tolist():
             if votes[candidate] <= 0.0 or len(chosen) == self.most:
                 break
-            if chosen and moments + self._lengths[candidate] > MOST_MOMENTS:
+            number = candidate % count
+            if chosen and moments + self._lengths[number] > MOST_MOMENTS:
                 continue
-            chosen.append(candidate)
-            moments += self._lengths[candidate]
+            chosen.append(Candidate(number, candidate >= count))
+            moments += self._lengths[number]
         return chosen

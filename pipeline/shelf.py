@@ -12,14 +12,16 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
+from ..codec.blocks.mirrored import mirrored
 from ..codec.blocks.motionmodel import MotionModel, fixed_model, model_key, usual_span
 from ..codec.blocks.offered import Reference, reference_of
 from ..codec.clip import Clip
 from ..codec.errors import DamagedError
+from ..codec.figure.mirror import image_parts
 from ..codec.figure.rig import Rig
 from ..codec.version2.motiondecode import Decoded, decode_motion, decode_states, parts_read
 from ..codec.version2.motionfile import MotionFile
-from ..codec.version2.motionhead import read_references
+from ..codec.version2.motionhead import Named, read_references
 from .indexreader import read_index
 from .layout import index_path
 from .ledger import Ledger
@@ -51,7 +53,7 @@ class Shelf:
     def __init__(self, store: Store, find: Callable[[int, bool], Found]) -> None:
         self._store = store
         self._find = find
-        self._kept: OrderedDict[tuple[int, str, int, Parts], Reference] = OrderedDict()
+        self._kept: OrderedDict[tuple[Named, str, int, Parts], Reference] = OrderedDict()
         self._depths: dict[int, int] = {}
         self._held = 0
         self._lock = threading.RLock()
@@ -128,7 +130,7 @@ class Shelf:
         if above > DEEPEST:
             raise DamagedError("its references go in a circle")
         deepest = 0
-        for number in read_references(file.cores[0]):
+        for number, _ in read_references(file):
             if number not in self._depths:
                 self._depths[number] = self._depth(self._find(number, True).file, above + 1)
             deepest = max(deepest, self._depths[number] + 1)
@@ -140,26 +142,39 @@ class Shelf:
         """Return what some parts of a file refer to, as a model of ``generation`` sees it."""
         if depth > DEEPEST:
             raise DamagedError("its references go in a circle")
-        numbers = read_references(file.cores[0])
-        return [self._reference(number, rig, generation, depth, parts) for number in numbers]
+        named = read_references(file)
+        return [self._reference(each, rig, generation, depth, parts) for each in named]
 
     def _reference(
-        self, number: int, rig: Rig, generation: int, depth: int, parts: Parts
+        self, named: Named, rig: Rig, generation: int, depth: int, parts: Parts
     ) -> Reference:
-        for key in ((number, model_key(rig), generation, held) for held in (None, parts)):
+        for key in ((named, model_key(rig), generation, held) for held in (None, parts)):
             with self._lock:
                 if key in self._kept:
                     self._kept.move_to_end(key)
                     return self._kept[key]
-        found = self._find(number, parts is not None)
+        found = self._find(named.number, parts is not None)
         if model_key(found.rig) != model_key(rig):
-            raise DamagedError(f"refers to clip {number}, which has another kind of rig")
+            raise DamagedError(f"refers to clip {named.number}, which has another kind of rig")
+        family = self._store.families[rig.family_key]
+        if named.mirrored and not family.mirror:
+            raise DamagedError(f"refers to clip {named.number} in a mirror: its rig has no image")
+        wanted = parts
+        if named.mirrored and parts is not None:
+            wanted = image_parts(family.mirror, rig.parts, parts)
         try:
-            decoded, whole = self._read(found, depth + 1, parts)
+            decoded, whole = self._read(found, depth + 1, wanted)
         except DamagedError as problem:
             raise problem.within(found.path) from problem
-        made = reference_of(decoded.states, decoded.nodes, self.model(rig, generation))
-        key = (number, model_key(rig), generation, None if whole else parts)
+        states, nodes = decoded.states, decoded.nodes
+        if named.mirrored:
+            head = decoded.head
+            image = mirrored(states, nodes, found.rig, family, head.still, head.sliding)
+            if image is None:
+                raise DamagedError(f"refers to clip {named.number} in a mirror: it has no image")
+            states, nodes = image
+        made = reference_of(states, nodes, self.model(rig, generation))
+        key = (named, model_key(rig), generation, None if whole else parts)
         with self._lock:
             if key in self._kept:  # another thread was quicker
                 return self._kept[key]

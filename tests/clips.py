@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from motifold.codec.blocks.leads import Lead
 from motifold.codec.clip import Clip, FloatArray, Layout, MarkerClip, Skeleton, SkeletonClip
 from motifold.codec.figure.bodyparts import BodyPart
+from motifold.codec.figure.jointnames import other_side
 from motifold.codec.figure.rig import Family, Rig, bends_of, bone_means, found_family, rig_of
 from motifold.codec.geometry.kinematics import world_rotations
 from motifold.codec.patterns.patterns import Codebook, to_coefficients
@@ -296,6 +297,18 @@ def elsewhere(clip: SkeletonClip) -> SkeletonClip:
     rotations[:, 0] = turn @ rotations[:, 0]
     translations[:, 0] = translations[:, 0] @ turn.T + np.array([300.0, 0.0, -50.0])
     return replace(clip, rotations=rotations, translations=translations)
+
+
+def in_mirror(clip: SkeletonClip) -> SkeletonClip:
+    """Return the image of a clip whose joints all have the axes of the world at rest."""
+    names = [name.lower() for name in clip.skeleton.names]
+    partner = [names.index(other_side(name)) for name in clip.skeleton.names]
+    glass = np.array([-1.0, 1.0, 1.0])
+    return replace(
+        clip,
+        rotations=np.diag(glass) @ clip.rotations[:, partner] @ np.diag(glass),
+        translations=clip.translations[:, partner] * glass,
+    )
 
 
 def every_second(clip: SkeletonClip, first: int = 0) -> SkeletonClip:

@@ -1,4 +1,4 @@
-"""A decoder of index files of versions 2 to 4, from docs/format.md alone: archives, heads.
+"""A decoder of index files of versions 2 to 5, from docs/format.md alone: archives, heads.
 
 Follows the sections from "Folder" on; `oracle_run` decodes the runs. Written to be checked against
 the text by eye, and slow. Shares no code with ``motifold``.
@@ -39,13 +39,18 @@ class Header(NamedTuple):
     cores: list[bytes]
     rests: list[list[bytes]]
     led: bool
+    mirrored: bool
 
 
 @dataclass
 class Head:
-    """``gaps``: per marker the frames at which it is lost or found; none for skeletons."""
+    """``gaps``: per marker the frames at which it is lost or found; none for skeletons.
+
+    ``images``: of each reference, whether its image is meant.
+    """
 
     references: list[int]
+    images: list[bool]
     still: set[int] = field(default_factory=set)
     sliding: list[int] = field(default_factory=list)
     gaps: list[list[int]] = field(default_factory=list)
@@ -63,7 +68,7 @@ class Decoded(NamedTuple):
 def read_header(data: bytes) -> Header:
     version = data[2]
     assert data[:2] == b"MF"
-    assert version in (2, 3, 4)
+    assert version in (2, 3, 4, 5)
     apart = version > 2
     at = 7
 
@@ -104,11 +109,12 @@ def read_header(data: bytes) -> Header:
     certificate = (largest, shares[0], shares[1])
     cores, rest = pieces[: len(core_lengths)], pieces[len(core_lengths) :]
     rests = [rest[at : at + streams] for at in range(0, len(rest), streams)]
-    return Header(rig, generation, frames, step_code, certificate, cores, rests, version == 4)
+    fields = rig, generation, frames, step_code, certificate, cores, rests
+    return Header(*fields, version == 4, version == 5)
 
 
 def opened(piece: bytes) -> bytes:
-    """Return a stream of versions 3 and 4 without its check byte."""
+    """Return a stream of versions 3 to 5 without its check byte."""
     if piece:
         assert crc_8(piece[1:]) == piece[0]
     return piece[1:]
@@ -157,15 +163,18 @@ def read_leads(reader: SymbolReader, references: int) -> list[Lead]:
             coded = [reader.number() for _ in range(6)]
             move = [-(each + 1) // 2 if each % 2 else each // 2 for each in coded]
         found.append(Lead(reference, first, stop, start, stride, move))
-    assert found
     return found
 
 
-def read_head(reader: SymbolReader, rig: Record, model: Model, led: bool) -> Head:
+def read_head(reader: SymbolReader, rig: Record, model: Model, led: bool, mirrored: bool) -> Head:
     """Read a head up to the sizes of nodes, for which the nodes must be known."""
-    head = Head(read_references(reader))
-    if led:
-        head.leads = read_leads(reader, len(head.references))
+    named = read_references(reader)
+    head = Head(named, [False] * len(named))
+    if mirrored:
+        head = Head([code // 2 for code in named], [code % 2 == 1 for code in named])
+    if led or mirrored:
+        head.leads = read_leads(reader, len(named))
+        assert head.leads or mirrored
     joints = range(len(rig["names"]))
     if rig["kind"] == "skeleton":
         head.still = {j for j in joints if (j in model.still) != bool(reader.sized(8))}
@@ -257,7 +266,7 @@ def decode_file(
 ) -> Decoded:
     """Decode an index file; ``find``: returns the decoded clip of a number."""
     reader = SymbolReader(header.cores[0])
-    head = read_head(reader, rig, model, header.led)
+    head = read_head(reader, rig, model, header.led, header.mirrored)
     if rig["kind"] == "markers":
         figure = figure_of_markers(rig, family)
     else:
@@ -266,17 +275,18 @@ def decode_file(
 
     poses: list[Pose] = [usual_pose(rig, family)]
     offered: list[Moments] = []
-    for reference in (find(number) for number in head.references):
-        for states in reference.runs:
-            poses += reference_poses(reference.figure, states)
-            viewer = Viewer(reference.figure, model, states)
+    tracks = []
+    for number, mirrored in zip(head.references, head.images, strict=True):
+        reference = find(number)
+        seen = reference.figure, reference.runs
+        if mirrored:
+            seen = image_of(reference, rig, family)
+        for states in seen[1]:
+            poses += reference_poses(seen[0], states)
+            viewer = Viewer(seen[0], model, states)
             offered.append(viewer.moments(range(1, len(states) - model.span + 1, 2)))
+        tracks.append(Track([state for states in seen[1] for state in states], seen[0].nodes))
     moments = joined(offered) if offered else None
-    leaders = [find(number) for number in head.references]
-    tracks = [
-        Track([state for states in each.runs for state in states], each.figure.nodes)
-        for each in leaders
-    ]
 
     runs = []
     for at in range(0, header.frames, RUN):
@@ -287,6 +297,39 @@ def decode_file(
         run.follow([(lead, tracks[lead.reference]) for lead in head.leads], at)
         runs.append(run.read(core, rests, min(header.frames - at, RUN), moments))
     return Decoded(header, head, figure, runs)
+
+
+def image_of(clip: Decoded, rig: Record, family: Record) -> tuple[Figure, list[States]]:
+    """Return a clip in the mirror: its nodes and runs."""
+    joints, mirror = len(rig["names"]), family["mirror"]
+    partner = [pair[0] for pair in mirror]
+    still = {partner[joint] for joint in clip.head.still}
+    figure = figure_of_skeleton(rig, family, still, sorted(partner[j] for j in clip.head.sliding))
+    numbers = {node.row: k for k, node in enumerate(clip.figure.nodes)}
+    sources = [
+        numbers[joints * node.is_place + partner[node.row % joints]] for node in figure.nodes
+    ]
+    for own, other in ((figure.top, clip.figure.top), (figure.path, clip.figure.path)):
+        assert other == (None if own is None else sources[own])
+
+    def shown(number: int, state: tuple[int, ...]) -> tuple[int, ...]:
+        node = figure.nodes[number]
+        joint = node.row % joints
+        if not node.is_place:
+            w, x, y, z = state
+            images = (-x, w, -z, y), (w, x, -y, -z), (z, -y, -x, w), (y, z, w, x)
+            return images[mirror[joint][1]]
+        x, y, z, *rest = state
+        if number == figure.path:
+            return (-x, y, z, *rest)
+        signs = (-x, -y, -z), (-x, y, z), (x, -y, z), (x, y, -z)
+        return (*signs[mirror[rig["parents"][joint]][1]], *rest)
+
+    runs: list[Any] = [
+        [[shown(k, state[source]) for k, source in enumerate(sources)] for state in states]
+        for states in clip.runs
+    ]
+    return figure, runs
 
 
 def streams_of(figure: Figure, rig: Record, streams: int) -> list[int]:

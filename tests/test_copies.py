@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from clips import elsewhere, every_second
+from clips import elsewhere, every_second, in_mirror
 from libraries import short_specs
 
 from motifold.codec.clip import SkeletonClip
@@ -27,8 +27,19 @@ def long_clip() -> SkeletonClip:
 COPIES = {
     "copy_cut.bvh": long_clip().slice(33, 190),
     "copy_turned.bvh": elsewhere(long_clip()).slice(0, 250),
+    "copy_mirrored.bvh": elsewhere(in_mirror(long_clip())).slice(20, 250),
 }
-LATER = {"later_cut.bvh": long_clip().slice(100, 290)}
+LATER = {
+    "later_cut.bvh": long_clip().slice(100, 290),
+    "later_mirrored.bvh": in_mirror(long_clip()).slice(100, 290),
+}
+BEGUN = {
+    "copy_cut.bvh": 33,
+    "copy_turned.bvh": 0,
+    "copy_mirrored.bvh": 20,
+    "later_cut.bvh": 100,
+    "later_mirrored.bvh": 100,
+}
 
 
 def sizes(archive: Archive) -> dict[str, int]:
@@ -56,16 +67,17 @@ def test_copies_of_a_library_cost_next_to_nothing(streams: str, tmp_path: Path) 
         for name, clip in {**COPIES, **LATER}.items():
             index = archive[name].index()
             assert isinstance(index, MotionFile)
-            assert index.led
+            assert index.led != index.mirrored
+            assert index.mirrored or "mirrored" not in name
             assert found[name] < 0.2 * rate * clip.frames, name
             assert archive.shelf.depth(index) > 0
             (follow,) = archive[name].follows
-            begun = {"copy_cut.bvh": 33, "copy_turned.bvh": 0, "later_cut.bvh": 100}[name]
             assert follow.clip == "long.bvh"
-            assert follow.begun == pytest.approx(begun * clip.frame_time, abs=1e-6)
+            assert follow.begun == pytest.approx(BEGUN[name] * clip.frame_time, abs=1e-6)
             assert follow.start == 0.0
             assert follow.stop == pytest.approx(archive[name].seconds)
-            assert follow.moved == (name == "copy_turned.bvh")
+            assert follow.moved == (name in ("copy_turned.bvh", "copy_mirrored.bvh"))
+            assert follow.mirrored == ("mirrored" in name)
         for name in found.keys() - COPIES.keys() - LATER.keys():
             index = archive[name].index()
             assert isinstance(index, MotionFile)

@@ -1,4 +1,4 @@
-"""`docs/format.md` is enough to decode versions 2 and 3: a decoder made from it finds the same.
+"""`docs/format.md` is enough to decode versions 2 to 5: a decoder made from it finds the same.
 
 The oracle (`oracle_motion` and what it imports) was written from the text alone, in plain Python.
 It decodes the frozen archive, replaced clips too, and clips made here with all that the frozen
@@ -9,6 +9,7 @@ differ by a bit.
 from __future__ import annotations
 
 import ast
+import itertools
 import json
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,6 +26,7 @@ from oracle_stream import SymbolReader, counted, signed
 
 from motifold.codec.blocks import motionmodel
 from motifold.codec.blocks.leads import Lead
+from motifold.codec.blocks.mirrored import image_of
 from motifold.codec.blocks.motionmodel import MotionModel, usual_span
 from motifold.codec.blocks.offered import Reference, reference_of
 from motifold.codec.geometry.limits import uniform_limits
@@ -35,12 +37,13 @@ from motifold.codec.version2 import motiondecode
 from motifold.codec.version2.motiondecode import decode_states
 from motifold.codec.version2.motionencode import MotionEncoder
 from motifold.codec.version2.motionfile import MotionFile, unpack_motion
+from motifold.codec.version2.motionhead import Named
 from motifold.pipeline import Archive
 from motifold.pipeline.indexreader import read_index
 from motifold.pipeline.layout import index_path
 
 FIXTURES = Path(__file__).parent / "fixtures"
-CLIPS = {2: 23, 3: 23, 4: 34}  # by version, of both jobs, replaced ones too
+CLIPS = {2: 23, 3: 23, 4: 34, 5: 40}  # by version, of both jobs, replaced ones too
 FAR = 70_000  # number of a clip that takes more than 16 bits
 
 
@@ -71,12 +74,14 @@ def assert_header(header: Header, file: MotionFile) -> None:
         list(file.cores),
         [list(file.rests_of(run) or ()) for run in range(-(-file.frames // 1024))],
         file.led,
+        file.mirrored,
     )
 
 
 def assert_same(found: Decoded, wanted: motiondecode.Decoded) -> None:
     head = wanted.head
-    assert tuple(found.head.references) == head.references
+    named = zip(found.head.references, found.head.images, strict=True)
+    assert tuple(itertools.starmap(Named, named)) == head.references
     assert found.head.still == set(head.still)
     assert tuple(found.head.sliding) == head.sliding
     assert found.head.fineness == list(head.fines or [0] * wanted.nodes.count)
@@ -112,10 +117,12 @@ def test_the_frozen_archive_has_all_kinds(
     clips = [frozen.clip(number) for number in range(CLIPS[version])]
     nodes = [node for clip in clips for node in clip.figure.nodes]
     several = [len(rest) > 1 for clip in clips for rest in clip.header.rests]
-    assert {2: {False}, 3: {True}, 4: {False, True}}[version] == set(several)
+    assert {2: {False}, 3: {True}}.get(version, {False, True}) == set(several)
     leads = [lead for clip in clips for lead in clip.head.leads]
-    assert bool(leads) == any(clip.header.led for clip in clips) == (version == 4)
-    if version == 4:
+    assert bool(leads) == any(clip.header.led for clip in clips) == (version >= 4)
+    images = [image for clip in clips for image in clip.head.images]
+    assert any(images) == any(clip.header.mirrored for clip in clips) == (version == 5)
+    if version >= 4:
         assert {bool(lead.move) for lead in leads} == {False, True}
         assert {lead.stride for lead in leads} == {1, 2}
     assert {clip.header.generation for clip in clips} == ({0, 2} if version == 4 else {0, 1})
@@ -149,15 +156,19 @@ def assert_decodes(
     learned: bool,
     by_part: bool = False,
     led: bool = False,
+    mirrored: bool = False,
 ) -> set[str]:
     """Encode a clip, and again with itself as reference; return the kinds of its nodes.
 
     With ``by_part`` all clips but the first are in streams per body part; with ``led`` they
-    have leads.
+    have leads; ``mirrored``: clips refer to the images of others, too.
     """
     subject = bench_of(recipe, False)
     rig, family = subject.rig, subject.codebook.family
     rows = 2 * rig.skeleton.joints
+    if mirrored and rig.kind == "skeleton":  # any axes will do: images need not look like one
+        axes = np.random.default_rng(recipe.seed).integers(0, 4, rig.skeleton.joints).tolist()
+        family = replace(family, mirror=tuple(enumerate(axes)))
     hinged = family.hinged
     model = motionmodel.fixed_model(rows, usual_span(rig.frame_time), hinged=hinged)
     same: Model = fixed_model(model.span, rows, hinged)
@@ -167,7 +178,7 @@ def assert_decodes(
     rig_record, family_record = json.loads(json.dumps([rig.to_record(), family.to_record()]))
     limits = uniform_limits(subject.clip, tolerance)
     known: dict[int, Decoded] = {}
-    offered: list[tuple[int, Reference]] = []
+    offered: list[tuple[Named, Reference]] = []
     for number in (FAR, FAR + 9, 0):  # a later clip refers to all that come before
         encoder = MotionEncoder(family, model, int(learned), by_part and number != FAR)
         leads: tuple[Lead, ...] = ()
@@ -176,26 +187,32 @@ def assert_decodes(
         made = encoder.encode_led(subject.clip, rig, 12, limits, offered, leads)
         file, header = unpack_motion(made.data), read_header(made.data)
         assert_header(header, file)
-        assert made.data[2] == (4 if leads else 2 + (encoder.by_part and len(rig.parts) > 1))
+        version = 4 if leads else 2 + (encoder.by_part and len(rig.parts) > 1)
+        assert made.data[2] == (5 if any(named.mirrored for named, _ in offered) else version)
         known[number] = decode_file(header, rig_record, family_record, same, known.__getitem__)
         references = [reference for _, reference in offered]
         assert_same(known[number], decode_states(file, rig, family, model, references))
-        offered.append((number, reference_of(made.states, made.nodes, model)))
+        offered.append((Named(number), reference_of(made.states, made.nodes, model)))
+        image = image_of(made.states, made.nodes, rig, family)
+        if image:
+            offered.append((Named(number, True), reference_of(*image, model)))
     return {node.kind for node in known[0].figure.nodes}
 
 
-WAYS = st.tuples(st.booleans(), st.booleans(), st.booleans())  # learned, by part, led
+WAYS = st.tuples(*[st.booleans()] * 4)  # learned, by part, led, mirrored
 
 
 @given(recipes(8, 40), st.sampled_from([0.01, 0.1, 1.0]), WAYS)
 @settings(max_examples=50, deadline=None)
-@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, (False, False, False))
-@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, (False, True, False))
-@example(Recipe(joints=6, frames=1, motion="teleport", hinges=1.0), 0.01, (False, True, False))
-@example(Recipe(joints=4, motion="spin", tree="chain", rate=240.0), 0.1, (True, False, False))
-@example(Recipe(joints=8, frames=40, hinges=0.5, stretchy=0.3), 0.1, (True, True, True))
+@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, (False, False, False, False))
+@example(Recipe(joints=6, frames=0, stretchy=1.0), 0.1, (False, True, False, True))
+@example(
+    Recipe(joints=6, frames=1, motion="teleport", hinges=1.0), 0.01, (False, True, False, False)
+)
+@example(Recipe(joints=4, motion="spin", tree="chain", rate=240.0), 0.1, (True, False, False, True))
+@example(Recipe(joints=8, frames=40, hinges=0.5, stretchy=0.3), 0.1, (True, True, True, True))
 def test_skeletons_decode_from_the_text(
-    recipe: Recipe, tolerance: float, ways: tuple[bool, bool, bool]
+    recipe: Recipe, tolerance: float, ways: tuple[bool, bool, bool, bool]
 ) -> None:
     assert_decodes(recipe, tolerance, *ways)
 
@@ -203,7 +220,7 @@ def test_skeletons_decode_from_the_text(
 @given(MARKS, st.sampled_from([0.01, 0.1]), WAYS)
 @settings(max_examples=25, deadline=None)
 def test_markers_decode_from_the_text(
-    marks: Marks, tolerance: float, ways: tuple[bool, bool, bool]
+    marks: Marks, tolerance: float, ways: tuple[bool, bool, bool, bool]
 ) -> None:
     assert_decodes(marks, tolerance, *ways)
 
@@ -215,6 +232,7 @@ def test_all_kinds_of_nodes_decode_from_the_text() -> None:
     assert assert_decodes(recipe, 0.05, True) == kinds
     assert assert_decodes(recipe, 0.05, False, True) == kinds
     assert assert_decodes(recipe, 0.05, True, True, True) == kinds
+    assert assert_decodes(recipe, 0.05, True, False, False, True) == kinds
 
 
 @given(st.integers(0, 2**48 - 2), st.integers(1, 2**47), st.data())

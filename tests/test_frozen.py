@@ -25,6 +25,7 @@ INTEGERS = {
     "v2": "5e512b18d74636e75b6ec51b75c72144",
     "v3": "5e512b18d74636e75b6ec51b75c72144",  # the same motion in other streams
     "v4": "ffae3138646c447500d08125aa877b76",
+    "v5": "ba4a81addbbc6d8213c56d90e21bafec",
 }
 
 

@@ -14,6 +14,7 @@ from motifold.codec.clip import SkeletonClip
 from motifold.codec.errors import DamagedError
 from motifold.codec.formats.bvh import format_bvh
 from motifold.codec.learned.landmarks import NUMBERS, Landmarks
+from motifold.codec.version2.motionhead import Named
 from motifold.pipeline import archived_clip
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.copies import find_copies
@@ -85,7 +86,7 @@ def test_a_clip_may_follow_a_version_that_was_replaced(followed: Path) -> None:
 def test_a_clip_that_follows_one_that_is_not_there(
     followed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(archived_clip, "read_references", lambda core: (3,))
+    monkeypatch.setattr(archived_clip, "read_references", lambda file: (Named(3),))
     with Archive(followed) as archive, pytest.raises(DamagedError, match="clip 3 of 3"):
         _ = archive["cut.bvh"].follows
 

@@ -25,6 +25,7 @@ from motifold.codec.version2.motiondecode import decode_motion
 from motifold.codec.version2.motionencode import EncodedMotion, MotionEncoder
 from motifold.codec.version2.motionfile import unpack_motion
 from motifold.codec.version2.motiongoal import goal_of
+from motifold.codec.version2.motionhead import Named
 from motifold.workflows.synthetic import synthetic_clip
 
 TOLERANCE = 0.1
@@ -52,7 +53,7 @@ class Desk:
         self, clip: SkeletonClip, hints: list[Hint], limits: Limits | None = None
     ) -> EncodedMotion:
         limits = limits or uniform_limits(clip, TOLERANCE)
-        return self.encoder.encode(clip, self.rig, 0, limits, [(5, self.reference)], hints)
+        return self.encoder.encode(clip, self.rig, 0, limits, [(Named(5), self.reference)], hints)
 
     def decode(self, data: bytes) -> SkeletonClip:
         known = (self.rig, self.family, self.model, [self.reference])
@@ -166,7 +167,7 @@ def any_leads(draw: st.DrawFn, frames: int, known: int) -> tuple[Lead, ...]:
 @settings(max_examples=25, deadline=None)
 def test_the_tolerance_holds_whatever_leads_say(leads: tuple[Lead, ...], tolerance: float) -> None:
     clip = take("jump", 3).slice(0, 90)
-    known = [(5, desk().reference)]
+    known = [(Named(5), desk().reference)]
     limits = uniform_limits(clip, tolerance)
     made = desk().encoder.encode_led(clip, desk().rig, 0, limits, known, leads)
     found = desk().decode(made.data)

@@ -44,6 +44,7 @@ from motifold.codec.version2.motiondecode import decode_motion, decode_states
 from motifold.codec.version2.motionencode import EncodedMotion, MotionEncoder
 from motifold.codec.version2.motionfile import unpack_motion
 from motifold.codec.version2.motiongoal import goal_of
+from motifold.codec.version2.motionhead import Named
 
 TOLERANCES = st.sampled_from([0.01, 0.1, 1.0])
 ROUNDING = 1e-6  # centimetres
@@ -61,7 +62,7 @@ def coded(
     subject: Bench,
     limits: Limits,
     model: MotionModel | None = None,
-    references: tuple[tuple[int, Reference], ...] = (),
+    references: tuple[tuple[Named, Reference], ...] = (),
 ) -> tuple[EncodedMotion, Clip]:
     model = model or model_for(subject)
     family = subject.codebook.family
@@ -76,7 +77,7 @@ def assert_kept(
     tolerance: float,
     mean: float | None = None,
     model: MotionModel | None = None,
-    references: tuple[tuple[int, Reference], ...] = (),
+    references: tuple[tuple[Named, Reference], ...] = (),
 ) -> tuple[EncodedMotion, Clip]:
     limits = uniform_limits(subject.clip, tolerance, mean)
     made, decoded = coded(subject, limits, model, references)
@@ -258,7 +259,7 @@ def test_a_clip_like_another_costs_less_with_it_as_reference() -> None:
     shifted = clip.translations.copy()
     shifted[:, :1] += noise + 30.0
     other = replace(subject, clip=replace(clip, translations=shifted))
-    references = ((4, reference_to(alone, model)),)
+    references = ((Named(4), reference_to(alone, model)),)
     without, _ = assert_kept(other, 0.1)
     with_it, decoded = assert_kept(other, 0.1, references=references)
     assert len(with_it.data) < 0.85 * len(without.data)
@@ -334,7 +335,7 @@ def digest_of_states() -> str:
         model, family = model_for(subject), subject.codebook.family
         first, _ = coded(subject, uniform_limits(clip, 0.5))
         known = reference_to(first, model)
-        second, _ = coded(subject, uniform_limits(clip, 0.1), references=((0, known),))
+        second, _ = coded(subject, uniform_limits(clip, 0.1), references=((Named(0), known),))
         for data, references in ((first.data, []), (second.data, [known])):
             digest.update(data)
             decoded = decode_states(unpack_motion(data), subject.rig, family, model, references)

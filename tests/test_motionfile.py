@@ -7,6 +7,7 @@ import struct
 import time
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,25 +59,26 @@ def files(draw: st.DrawFn) -> MotionFile:
         tuple(draw(STREAMS) for _ in range(max(runs, 1))),
         rests,
         streams,
-        draw(st.booleans()),
+        *draw(st.sampled_from([(False, False), (True, False), (False, True)])),
     )
 
 
-def made(seed: int, frames: int, streams: int = 1, led: bool = False) -> MotionFile:
+def made(
+    seed: int, frames: int, streams: int = 1, led: bool = False, mirrored: bool = False
+) -> MotionFile:
     """A file of some ten bytes a stream."""
     rng = np.random.default_rng(seed)
     runs = len(runs_of(frames))
     cores = max(runs, 1)
     made = [rng.bytes(int(rng.integers(1, 20))) for _ in range(cores + runs * streams)]
     certificate = Errors(0.1, 0.02, 0.07)
-    return MotionFile(
-        3, 1, frames, 5000, certificate, tuple(made[:cores]), tuple(made[cores:]), streams, led
-    )
+    pieces = tuple(made[:cores]), tuple(made[cores:])
+    return MotionFile(3, 1, frames, 5000, certificate, *pieces, streams, led, mirrored)
 
 
 def rest_bytes(file: MotionFile) -> int:
     assert file.rests is not None
-    sealed = file.streams > 1 or file.led
+    sealed = file.streams > 1 or file.led or file.mirrored
     return sum(len(rest) + (sealed and len(rest) > 0) for rest in file.rests)
 
 
@@ -138,10 +140,10 @@ def test_any_prefix_that_covers_the_cores_is_enough_for_them(
         unpack_motion(whole[: data.draw(st.integers(0, cores_end - 1))], prefix_only=True)
 
 
-@pytest.mark.parametrize(("streams", "led"), [(1, False), (3, False), (1, True), (3, True)])
+@pytest.mark.parametrize("kind", [(1,), (3,), (1, True), (3, True), (1, False, True)])
 @pytest.mark.parametrize("frames", [0, 1, 300, 2500])
-def test_every_truncation_is_damage(frames: int, streams: int, led: bool) -> None:
-    data = pack_motion(made(frames, frames, streams, led))
+def test_every_truncation_is_damage(frames: int, kind: tuple[Any, ...]) -> None:
+    data = pack_motion(made(frames, frames, *kind))
     for length in range(len(data)):
         with pytest.raises(DamagedError):
             unpack_motion(data[:length])
@@ -149,11 +151,11 @@ def test_every_truncation_is_damage(frames: int, streams: int, led: bool) -> Non
         unpack_motion(data + b"\1")
 
 
-@pytest.mark.parametrize(("streams", "led"), [(1, False), (3, False), (1, True), (3, True)])
+@pytest.mark.parametrize("kind", [(1,), (3,), (1, True), (3, True), (1, False, True)])
 @pytest.mark.parametrize("frames", [1, 2500])
-def test_every_changed_byte_is_noticed(frames: int, streams: int, led: bool) -> None:
+def test_every_changed_byte_is_noticed(frames: int, kind: tuple[Any, ...]) -> None:
     """Whatever a byte is changed to; the version's byte may name a version that is not known."""
-    data = pack_motion(made(frames, frames, streams, led))
+    data = pack_motion(made(frames, frames, *kind))
     for place in range(len(data)):
         for change in range(1, 256):
             wrong = bytearray(data)
@@ -174,7 +176,7 @@ def streams_at(file: MotionFile) -> list[tuple[int, int]]:
     return found[::-1]
 
 
-@given(files().filter(lambda file: file.streams > 1 or file.led), st.data())
+@given(files().filter(lambda file: file.streams > 1 or file.led or file.mirrored), st.data())
 def test_streams_are_checked_one_by_one(file: MotionFile, data: st.DataObject) -> None:
     """A changed byte of a stream is noticed where that is read, and hurts no other."""
     whole = pack_motion(file)
@@ -306,7 +308,7 @@ def test_what_is_no_index_file_is_damage(data: bytes) -> None:
         unpack_motion(data)
 
 
-@pytest.mark.parametrize("version", [0, 1, 5, 255])
+@pytest.mark.parametrize("version", [0, 1, 6, 255])
 def test_other_versions_are_told(version: int) -> None:
     data = bytearray(pack_motion(made(1, 5)))
     data[2] = version

@@ -16,19 +16,31 @@ from hypothesis import strategies as st
 from motifold.codec.clip import BoolArray
 from motifold.codec.errors import DamagedError
 from motifold.codec.figure.rig import Rig, rig_of
+from motifold.codec.geometry.metrics import Errors
 from motifold.codec.streams.entropy import SymbolReader, SymbolWriter
+from motifold.codec.version2.motionfile import MotionFile
 from motifold.codec.version2.motionhead import (
     MOST_REFERENCES,
     Head,
+    Named,
     read_head,
+    read_leads,
     read_references,
     write_head,
 )
 
 JOINTS = 12
-REFERENCES = st.lists(
-    st.one_of(st.integers(0, 30), st.integers(0, 2**40)), max_size=MOST_REFERENCES, unique=True
-).map(lambda numbers: tuple(sorted(numbers)))
+NUMBERS = st.one_of(st.integers(0, 30), st.integers(0, 2**40))
+
+
+def named(mirrors: st.SearchStrategy[bool]) -> st.SearchStrategy[tuple[Named, ...]]:
+    """References of a head, in order."""
+    each = st.builds(Named, NUMBERS, mirrors)
+    chosen = st.lists(each, max_size=MOST_REFERENCES, unique=True)
+    return chosen.map(lambda found: tuple(sorted(found)))
+
+
+REFERENCES = named(st.just(False))
 
 
 def skeleton_rig(seed: int = 0) -> Rig:
@@ -46,7 +58,7 @@ def movable(rig: Rig) -> list[int]:
     return [joint for joint, names in enumerate(rig.layout.channels) if "Xposition" in names]
 
 
-def parts_of(head: Head) -> tuple[tuple[int, ...], ...]:
+def parts_of(head: Head) -> tuple[object, ...]:
     """A skeleton clip's head, to compare."""
     assert head.seen is None
     return head.references, head.still, head.sliding
@@ -64,6 +76,11 @@ def read(
     return read_head(SymbolReader(data), rig, frames, still, sliding)
 
 
+def of_core(core: bytes, frames: int = 9, *, mirrored: bool = False) -> MotionFile:
+    """An index file with that core."""
+    return MotionFile(0, 0, frames, 0, Errors(0.0, 0.0, 0.0), (core,), (), mirrored=mirrored)
+
+
 def subsets(joints: list[int]) -> st.SearchStrategy[tuple[int, ...]]:
     if not joints:
         return st.just(())
@@ -72,7 +89,7 @@ def subsets(joints: list[int]) -> st.SearchStrategy[tuple[int, ...]]:
 
 @given(st.integers(0, 20), REFERENCES, st.data())
 def test_heads_of_skeletons_come_back(
-    seed: int, references: tuple[int, ...], data: st.DataObject
+    seed: int, references: tuple[Named, ...], data: st.DataObject
 ) -> None:
     """Whatever the model says of most clips, be it of joints that this rig cannot move."""
     rig = skeleton_rig(seed)
@@ -82,7 +99,7 @@ def test_heads_of_skeletons_come_back(
     head = Head(references, data.draw(every), sliding, None)
     coded = written(head, rig, usual_still, usual_sliding)
     assert parts_of(read(coded, rig, 100, usual_still, usual_sliding)) == parts_of(head)
-    assert read_references(coded) == references
+    assert read_references(of_core(coded)) == references
 
 
 @given(
@@ -93,12 +110,12 @@ def test_heads_of_skeletons_come_back(
     REFERENCES,
 )
 def test_heads_of_markers_come_back(
-    seed: int, markers: int, frames: int, gaps: float, references: tuple[int, ...]
+    seed: int, markers: int, frames: int, gaps: float, references: tuple[Named, ...]
 ) -> None:
     clip = marker_clip(seed, markers, frames, gaps)
     coded = written(Head(references, (), (), clip.seen), marker_rig(markers), (), ())
     head = read(coded, marker_rig(markers), frames, (), ())
-    assert head.references == references == read_references(coded)
+    assert head.references == references == read_references(of_core(coded))
     assert head.seen is not None
     assert np.array_equal(head.seen, clip.seen)
     assert (head.still, head.sliding) == ((), ())
@@ -106,7 +123,7 @@ def test_heads_of_markers_come_back(
 
 @given(st.integers(0, 2**32 - 1), REFERENCES.filter(len), st.integers(1, 5000), st.booleans())
 def test_leads_come_back(
-    seed: int, references: tuple[int, ...], frames: int, skeleton: bool
+    seed: int, references: tuple[Named, ...], frames: int, skeleton: bool
 ) -> None:
     leads = leads_among(seed, len(references), frames)
     rig = skeleton_rig(3) if skeleton else marker_rig(5)
@@ -114,9 +131,30 @@ def test_leads_come_back(
     coded = written(Head(references, (), (), seen, (), leads), rig, (), ())
     found = read_head(SymbolReader(coded), rig, frames, (), (), True)
     assert (found.references, found.leads) == (references, leads)
-    assert read_references(coded) == references
+    assert read_references(of_core(coded)) == references
     with pytest.raises(DamagedError, match="lead"):  # not of this clip
         read_head(SymbolReader(coded), rig, leads[-1].stop - 1, (), (), True)
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    named(st.booleans()).filter(lambda found: any(each.mirrored for each in found)),
+    st.integers(1, 5000),
+    st.booleans(),
+)
+def test_mirror_images_come_back_with_leads_or_without(
+    seed: int, references: tuple[Named, ...], frames: int, led: bool
+) -> None:
+    leads = leads_among(seed, len(references), frames) if led else ()
+    rig = skeleton_rig(3)
+    head = Head(references, (1, 4), (), None, (), leads)
+    assert head.mirrored
+    coded = written(head, rig, (), ())
+    found = read_head(SymbolReader(coded), rig, frames, (), (), False, True)
+    assert (found.references, found.leads) == (references, leads)
+    assert parts_of(found) == parts_of(head)
+    file = of_core(coded, frames, mirrored=True)
+    assert (read_references(file), read_leads(file)) == (references, leads)
 
 
 @given(st.binary(max_size=80), st.integers(0, 10**4))
@@ -162,14 +200,14 @@ def test_hosts_of_references_are_refused(count: int) -> None:
     writer.number(count)
     began = time.perf_counter()
     with pytest.raises(DamagedError, match="references"):
-        read_references(writer.to_bytes())
+        read_references(of_core(writer.to_bytes()))
     assert time.perf_counter() - began < 0.5
 
 
 @given(st.binary(max_size=80), st.integers(0, 10**4))
 def test_any_bytes_are_a_head_or_damage(data: bytes, frames: int) -> None:
     with contextlib.suppress(DamagedError):
-        references = read_references(data)
+        references = read_references(of_core(data))
         assert sorted(set(references)) == list(references)
         assert len(references) <= MOST_REFERENCES
     rig = skeleton_rig(1)
@@ -186,6 +224,6 @@ def test_any_bytes_are_a_head_or_damage(data: bytes, frames: int) -> None:
 def test_a_rig_without_channels_may_move_any_joint() -> None:
     rig = skeleton_rig(0)
     free = replace(rig, layout=replace(rig.layout, channels=()))
-    head = Head((4,), (1,), tuple(range(JOINTS)), None)
+    head = Head((Named(4),), (1,), tuple(range(JOINTS)), None)
     found = read(written(head, free, (), ()), free, 9, (), ())
     assert parts_of(found) == parts_of(head)

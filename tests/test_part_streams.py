@@ -37,6 +37,7 @@ from motifold.codec.version2.motiondecode import (
 )
 from motifold.codec.version2.motionencode import MotionEncoder
 from motifold.codec.version2.motionfile import MotionFile, pack_motion, unpack_motion
+from motifold.codec.version2.motionhead import Named
 from motifold.codec.version2.pieces import Pieces
 
 Parts = frozenset[int] | None
@@ -127,7 +128,7 @@ def shelved(
     rows, span = 2 * rig.skeleton.joints, usual_span(rig.frame_time)
     model = fixed_model(rows, span, hinged=family.hinged)
     files: list[bytes] = []
-    offered: list[tuple[int, Reference]] = []
+    offered: list[tuple[Named, Reference]] = []
     for number, parted in enumerate(by_part):
         clip = vary(subject.clip, recipe.seed + number) if number else subject.clip
         encoder = MotionEncoder(family, model, 0, parted)
@@ -135,7 +136,7 @@ def shelved(
         limits = uniform_limits(clip, tolerance)
         made = encoder.encode_led(clip, rig, 12, limits, offered, leads)
         files.append(made.data)
-        offered.append((number, reference_of(made.states, made.nodes, model)))
+        offered.append((Named(number), reference_of(made.states, made.nodes, model)))
     return Shelved(subject, model, tuple(files))
 
 

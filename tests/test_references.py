@@ -23,6 +23,13 @@ def sketch(rng: np.random.Generator, moments: int, centre: float = 0.0) -> Sketc
     return (np.cumsum(steps, axis=0) + centre * rng.normal(size=SKETCH_NUMBERS)).astype(np.float32)
 
 
+def numbers(finder: ReferenceFinder, wanted: Sketch) -> list[int]:
+    """The candidates found for a clip of which no image is known."""
+    found = finder.find(wanted)
+    assert not any(each.mirrored for each in found)
+    return [each.number for each in found]
+
+
 @given(st.integers(0, 3000), st.integers(0, 2**32 - 1))
 def test_levels_have_their_shares(count: int, seed: int) -> None:
     levels = levels_of(count, seed)
@@ -65,12 +72,12 @@ def test_the_planted_near_duplicate_comes_first(
     if cut:
         finder.find(wanted)  # asked in between, it still sees what comes later
     finder.add(sketches[cut:])
-    found = finder.find(wanted)
+    found = numbers(finder, wanted)
     assert found[0] == planted
     assert len(found) == len(set(found)) <= most
     assert set(found) <= set(range(candidates))
     assert found[1:] == [] or sum(len(sketches[n]) for n in found) <= MOST_MOMENTS
-    assert finder.find(wanted) == found
+    assert numbers(finder, wanted) == found
 
 
 def test_a_candidate_needs_a_moment_among_the_nearest() -> None:
@@ -78,7 +85,7 @@ def test_a_candidate_needs_a_moment_among_the_nearest() -> None:
     near, far = sketch(rng, 2 * NEIGHBOURS), sketch(rng, 5) + 1000.0
     finder = ReferenceFinder(6)
     finder.add([far, near])
-    assert finder.find(near[:4]) == [1]
+    assert numbers(finder, near[:4]) == [1]
 
 
 def test_a_clip_of_two_kinds_of_motion_refers_to_both() -> None:
@@ -86,7 +93,7 @@ def test_a_clip_of_two_kinds_of_motion_refers_to_both() -> None:
     walk, jump, other = (sketch(rng, 30, 300.0) for _ in range(3))
     finder = ReferenceFinder(2)
     finder.add([other, walk, jump])
-    assert finder.find(np.concatenate([walk[:20], jump[:10]])) == [1, 2]
+    assert numbers(finder, np.concatenate([walk[:20], jump[:10]])) == [1, 2]
 
 
 def test_the_moments_of_all_references_are_bounded() -> None:
@@ -98,10 +105,10 @@ def test_the_moments_of_all_references_are_bounded() -> None:
     ]
     finder = ReferenceFinder(4)
     finder.add([candidate.astype(np.float32) for candidate in candidates[:1]])
-    assert finder.find(wanted) == [0]  # one is always allowed, however long
+    assert numbers(finder, wanted) == [0]  # one is always allowed, however long
     rest = ReferenceFinder(4)
     rest.add([candidate.astype(np.float32) for candidate in candidates[1:]])
-    found = rest.find(wanted)
+    found = numbers(rest, wanted)
     assert found
     assert sum(lengths[1 + n] for n in found) <= MOST_MOMENTS
 
@@ -111,17 +118,28 @@ def test_nothing_to_refer_to(empties: int) -> None:
     rng = np.random.default_rng(4)
     nothing: Sketch = np.zeros((0, SKETCH_NUMBERS), np.float32)
     finder = ReferenceFinder(6)
-    assert finder.find(sketch(rng, 5)) == []
+    assert numbers(finder, sketch(rng, 5)) == []
     finder.add([nothing] * empties)
-    assert finder.find(sketch(rng, 5)) == []
+    assert numbers(finder, sketch(rng, 5)) == []
     finder.add([sketch(rng, 1)])
-    assert finder.find(nothing) == []
-    assert finder.find(sketch(rng, 5)) == [empties]
-    assert finder.find(sketch(rng, 1)) == [empties]
+    assert numbers(finder, nothing) == []
+    assert numbers(finder, sketch(rng, 5)) == [empties]
+    assert numbers(finder, sketch(rng, 1)) == [empties]
 
 
 def test_a_finder_of_no_references_finds_none() -> None:
     rng = np.random.default_rng(5)
     finder = ReferenceFinder(0)
     finder.add([sketch(rng, 5)])
-    assert finder.find(sketch(rng, 5)) == []
+    assert numbers(finder, sketch(rng, 5)) == []
+
+
+def test_what_is_like_the_image_is_found_in_the_mirror() -> None:
+    rng = np.random.default_rng(6)
+    own, image = sketch(rng, 20, 30.0), sketch(rng, 20, 30.0)
+    finder = ReferenceFinder(4)
+    finder.add([sketch(rng, 20, 30.0), image, own])
+    assert finder.find(own, image)[:2] == [(2, False), (1, True)]
+    assert {number for number, mirrored in finder.find(image, own) if mirrored} == {2}
+    assert finder.find(own, own + 1000.0)[0] == (2, False)
+    assert not any(mirrored for _, mirrored in finder.find(own, own + 1000.0))

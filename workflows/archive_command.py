@@ -89,7 +89,7 @@ def archive(
     ] = "learned",
     without: Annotated[
         list[str] | None,
-        typer.Option(help="Idea to leave out: basis, parents, contexts, world. Repeatable."),
+        typer.Option(help="Idea to leave out: basis, parents, contexts, world or mirrors."),
     ] = None,
     streams: Annotated[
         str,

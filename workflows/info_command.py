@@ -172,7 +172,7 @@ def _show_clip(record: dict[str, Any]) -> None:
         print(f"part {name}: {', '.join(joints)}")
     for each in record["follows"]:
         older = "an older version of " if each["replaced"] else ""
-        moved = ", moved" if each["moved"] else ""
+        moved = ", mirrored" * each["mirrored"] + ", moved" * each["moved"]
         print(
             f"from {each['start']:.2f} s to {each['stop']:.2f} s as {older}{each['clip']} "
             f"from {each['begun']:.2f} s on{moved}"

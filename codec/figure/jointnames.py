@@ -109,3 +109,21 @@ def _side_prefix(word: str) -> str:
         if rest != word and len(rest) > 2 and any(rule.match(rest) for _, rule in _RULES):
             return prefix
     return ""
+
+
+def other_side(name: str) -> str:
+    """Return a joint's name with left for right and right for left, in small letters.
+
+    A name without a side stays, in small letters, too.
+    """
+    side = read_name(name)[0]
+    if not side:
+        return name.lower()
+    start = max(name.rfind(":"), name.rfind("|")) + 1
+    for found in _WORD.finditer(name, start):
+        word = found.group().lower()
+        said = word if word in _SIDES else _side_prefix(word)
+        if said:
+            other = {"left": "right", "right": "left", "l": "r", "r": "l"}[said]
+            return (name[: found.start()] + other + name[found.start() + len(said) :]).lower()
+    return name.lower()

@@ -21,6 +21,7 @@ from ..errors import UnsupportedError
 from ..geometry.kinematics import hanging_joints, inertia, levers
 from ..geometry.rotations import from_quaternions, to_quaternions
 from .bodyparts import BodyPart
+from .mirror import Mirror, find_mirror
 
 Kind = Literal["skeleton", "markers"]
 
@@ -132,7 +133,8 @@ class Family:
     weight of a joint's own translation, in 1/16 (dimensionless). Integers, so that every machine
     reads the same.
     ``head_diagonal``: body size in centimetres (Gu's ADDH); thresholds are multiples of it.
-    ``hinged``: joints that bend about one axis of their parent, or about none.
+    ``hinged``: joints that bend about one axis of their parent, or about none. ``mirror``: how
+    the figure looks in a mirror; empty if its sides are not alike.
     """
 
     key: str
@@ -144,6 +146,7 @@ class Family:
     shift_levers: IntArray
     head_diagonal: float
     hinged: tuple[int, ...] = ()
+    mirror: Mirror = ()
 
     @cached_property
     def centre_rotations(self) -> FloatArray:
@@ -172,6 +175,7 @@ class Family:
             "shift_levers": self.shift_levers.tolist(),
             "head_diagonal": self.head_diagonal,
             "hinged": list(self.hinged),
+            "mirror": [list(each) for each in self.mirror],
         }
 
     @classmethod
@@ -190,6 +194,7 @@ class Family:
             np.array(record["shift_levers"], np.int64),
             record["head_diagonal"],
             tuple(record.get("hinged", ())),
+            tuple((partner, axes) for partner, axes in record.get("mirror", ())),
         )
 
 
@@ -220,8 +225,10 @@ def found_family(
     u, _, vt = np.linalg.svd(usual + 1e-9 * np.eye(3))
     signs = np.ones((joints, 3))
     signs[:, 2] = np.linalg.det(u @ vt)
-    centres = np.rint(to_quaternions((u * signs[:, None, :]) @ vt) * CENTRE_SCALE)
+    usually = (u * signs[:, None, :]) @ vt
+    centres = np.rint(to_quaternions(usually) * CENTRE_SCALE)
     skeleton = replace(rig.skeleton, offsets=bones)
+    mirror = find_mirror(skeleton.names, skeleton.parents, rig.parts, usually, bones)
     hinged = tuple(range(1, joints)) if local else _hinged(bends)
     turn = np.rint(np.clip(levers(skeleton), 3.0, 1000.0) * LEVER_SCALE)
     tensors = np.rint(bounded(inertia(skeleton, frozenset(hinged))) * LEVER_SCALE**2)
@@ -236,6 +243,7 @@ def found_family(
         shift.astype(np.int64),
         head_diagonal,
         hinged,
+        mirror,
     )
 
 

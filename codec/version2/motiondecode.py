@@ -53,6 +53,11 @@ def _coded_bytes(file: MotionFile) -> int:
     return size_of(file.cores) + size_of(file.rests or ()) + 240
 
 
+def _head_of(core: SymbolReader, file: MotionFile, rig: Rig, model: MotionModel) -> Head:
+    usual = model.still, model.sliding
+    return read_head(core, rig, file.frames, *usual, file.led, file.mirrored)
+
+
 def nodes_of(rig: Rig, family: Family, head: Head) -> Nodes:
     """Return the nodes that a head names."""
     if rig.kind == "markers":
@@ -84,7 +89,7 @@ def decode_states(
     if file.streams not in (1, len(rig.parts)):
         raise DamagedError(f"claims {file.streams} streams a run for {len(rig.parts)} body parts")
     first = SymbolReader(file.cores[0])
-    head = read_head(first, rig, file.frames, model.still, model.sliding, file.led)
+    head = _head_of(first, file, rig, model)
     if len(references) != len(head.references):
         raise UsageError(f"{len(references)} references for {len(head.references)}")
     nodes = nodes_of(rig, family, head)
@@ -125,7 +130,7 @@ def parts_read(
     if wanted is None or (file.streams == 1 and not core_only):
         return None
     core = SymbolReader(file.cores[0])
-    head = read_head(core, rig, file.frames, model.still, model.sliding, file.led)
+    head = _head_of(core, file, rig, model)
     return needed_parts(nodes_of(rig, family, head), rig, wanted)
 
 

@@ -26,7 +26,7 @@ from .motioncodec import CodedRun, clip_of, code_run, known_of
 from .motiondecode import decode_states, step_units
 from .motionfile import MotionFile, pack_motion, runs_of, told, unpack_motion
 from .motiongoal import Goal, goal_of
-from .motionhead import Head, write_head
+from .motionhead import Head, Named, write_head
 
 THRIFT = 0.13  # weight of bits against squared error in rounding: the slope of fine quantisers
 LARGEST_STEP = 1.1  # of the largest limit; nodes and blocks refine it where they must
@@ -68,12 +68,12 @@ class MotionEncoder:
         rig: Rig,
         rig_number: int,
         limits: Limits,
-        references: Sequence[tuple[int, Reference]] = (),
+        references: Sequence[tuple[Named, Reference]] = (),
         hints: Sequence[Hint] = (),
     ) -> EncodedMotion:
         """Return the index file of ``clip``, which is inside its ``limits``.
 
-        ``references``: (clip number, decoded clip), ascending; ``hints``: where the clip may go
+        ``references``: (what it is, decoded clip), ascending; ``hints``: where the clip may go
         as one of them does. Raises `GuaranteeError` if no step brings the clip inside,
         `UnsupportedError` for what cannot be coded.
         """
@@ -103,7 +103,7 @@ class MotionEncoder:
         rig: Rig,
         rig_number: int,
         limits: Limits,
-        references: Sequence[tuple[int, Reference]],
+        references: Sequence[tuple[Named, Reference]],
         leads: tuple[Lead, ...],
         goal: Goal | None = None,
     ) -> EncodedMotion:
@@ -117,7 +117,7 @@ class MotionEncoder:
         streams = len(rig.parts) if self.by_part else 1
         known = known_of(goal.nodes, rig, self.family, self.model, decoded_from, streams)
         head = Head(
-            tuple(number for number, _ in references),
+            tuple(named for named, _ in references),
             goal.still,
             goal.sliding,
             clip.seen if isinstance(clip, MarkerClip) else None,
@@ -233,7 +233,8 @@ class MotionEncoder:
             tuple(core.to_bytes() for core in cores),
             tuple(rests),
             streams,
-            bool(head.leads),
+            bool(head.leads) and not head.mirrored,
+            head.mirrored,
         )
 
 

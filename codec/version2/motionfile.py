@@ -1,7 +1,8 @@
-"""The container of versions 2 to 4: what one archived clip is, from magic to the last run.
+"""The container of versions 2 to 5: what one archived clip is, from magic to the last run.
 
 Version 3 is version 2 with the rest of every run in one stream a body part; version 4 is a
-clip with leads, in one stream or several, sealed as in version 3.
+clip with leads, in one stream or several, sealed as in version 3; version 5 is like version 4, of
+a clip that refers to the mirror images of others.
 
 Byte by byte in ``docs/format.md``. This module knows the envelope only: the coded streams are
 opaque bytes here.
@@ -22,7 +23,7 @@ from ..streams.envelope import FRAME_LIMIT, Readable, read_varint, varint
 from .pieces import Piece, Pieces, sealed
 
 MAGIC = b"MF"
-PLAIN, BY_PART, LED = VERSIONS = 2, 3, 4
+PLAIN, BY_PART, LED, MIRRORED = VERSIONS = 2, 3, 4, 5
 RUN_FRAMES = 1024  # longer clips are cut into runs that decode on their own
 _FIXED = struct.Struct("<2sBHH")
 _CERTIFICATE = struct.Struct("<HBB")
@@ -33,7 +34,7 @@ _SHARE = 16.0  # codes an octave of the mean's and the percentile's share of the
 
 @dataclass(frozen=True)
 class MotionFile:
-    """The parts of an index file of version 2, 3 or 4.
+    """The parts of an index file of versions 2 to 5.
 
     ``rig``: number of the clip's rig in the store; ``generation``: that of the motion model it
     was coded with, 0 for the fixed one; ``step_code``: see `quantiser`; ``certificate``: the
@@ -43,7 +44,8 @@ class MotionFile:
     is there even without a run. ``rests``: those of the first run, then those of the second …;
     None when only the prefix was read. ``streams``: how many the rest of a run has: 1, or one a
     body part. A file that is read piecewise checks them when they are asked for.
-    ``led``: whether the head has leads.
+    ``led``: whether the head has leads; ``mirrored``: whether it may say that references are
+    mirrored, and have leads.
     """
 
     rig: int
@@ -55,6 +57,7 @@ class MotionFile:
     rests: Sequence[bytes] | None
     streams: int = 1
     led: bool = False
+    mirrored: bool = False
 
     def rests_of(self, run: int) -> Sequence[bytes] | None:
         """Return the streams of a run's rest, or None when only the prefix was read."""
@@ -72,7 +75,8 @@ def pack_motion(file: MotionFile) -> bytes:
     """Return the bytes of a complete index file."""
     assert file.rests is not None, "a prefix cannot be packed"
     cores, rests, streams = [*file.cores], [*file.rests], []
-    version = LED if file.led else BY_PART if file.streams > 1 else PLAIN
+    version = BY_PART if file.streams > 1 else PLAIN
+    version = MIRRORED if file.mirrored else LED if file.led else version
     if version > PLAIN:
         cores[1:], rests = map(sealed, cores[1:]), [*map(sealed, rests)]
         streams = [file.streams]
@@ -96,10 +100,10 @@ def pack_motion(file: MotionFile) -> bytes:
 def unpack_motion(
     data: Readable, *, prefix_only: bool = False, piecewise: bool = False
 ) -> MotionFile:
-    """Return the parts of an index file of version 2, 3 or 4, checked against its checksums.
+    """Return the parts of an index file of versions 2 to 5, checked against its checksums.
 
     With ``prefix_only`` the rests are neither needed nor read, so ``data`` may be any prefix
-    that covers the cores. With ``piecewise`` the streams of versions 3 and 4, but the first, are
+    that covers the cores. With ``piecewise`` the streams of versions from 3 on, but the first, are
     read and checked one by one when they are asked for. Raises `DamagedError` or `VersionError`.
     """
     if len(data) < _FIXED.size:
@@ -154,9 +158,8 @@ def unpack_motion(
     code, mean, percentile = _CERTIFICATE.unpack(data[shares:at])
     largest = _of_largest(code)
     certificate = Errors(largest, _of_share(mean, largest), _of_share(percentile, largest))
-    return MotionFile(
-        rig, generation, frames, step_code, certificate, in_cores, in_rests, streams, version == LED
-    )
+    found = rig, generation, frames, step_code, certificate, in_cores, in_rests, streams
+    return MotionFile(*found, led=version == LED, mirrored=version == MIRRORED)
 
 
 def _checksum(data: bytes, version: int) -> int:

@@ -6,6 +6,7 @@ It names the clip's references, and what is coded of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ..figure.sliding import can_slide
 from ..streams.entropy import SymbolReader, SymbolWriter
 from ..streams.envelope import FRAME_LIMIT
 from ..streams.gapstream import read_gaps, write_gaps
+from .motionfile import MotionFile
 
 MOST_REFERENCES = 64
 MOST_MOVED = 1 << 36  # 2^-11 cm: more than 300 km
@@ -25,22 +27,37 @@ _RARE = 8  # class of a joint that is not as usual: one in some fifty
 _FINE = 36  # class of how a node's fineness differs from the last one's
 
 
+class Named(NamedTuple):
+    """A reference as a head names it: the number of a clip, and whether its mirror image is meant.
+
+    In the order of their numbers; of one clip the image comes after the clip itself.
+    """
+
+    number: int
+    mirrored: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Head:
     """What the head says.
 
-    ``references``: numbers of the clips that this one is predicted from, ascending; ``still``
+    ``references``: the clips that this one is predicted from, ascending; ``still``
     and ``sliding``: joints, see `nodes`; ``seen``: (frames, markers), None for skeletons;
     ``fines``: per node, see `nodes.FINE`; empty if all are 0; ``leads``: in the order of their
     frames, of which no two have one in common.
     """
 
-    references: tuple[int, ...]
+    references: tuple[Named, ...]
     still: tuple[int, ...]
     sliding: tuple[int, ...]
     seen: BoolArray | None
     fines: tuple[int, ...] = ()
     leads: tuple[Lead, ...] = ()
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether any reference is the mirror image of a clip."""
+        return any(reference.mirrored for reference in self.references)
 
 
 def write_head(
@@ -51,13 +68,16 @@ def write_head(
     usual_sliding: tuple[int, ...],
 ) -> None:
     """Write the head; ``usual_*``: what the motion model says of most clips."""
-    gaps = np.diff(np.array(head.references, np.int64), prepend=-1) - 1
+    codes = [reference.number for reference in head.references]
+    if head.mirrored:
+        codes = [2 * reference.number + reference.mirrored for reference in head.references]
+    gaps = np.diff(np.array(codes, np.int64), prepend=-1) - 1
     writer.number(len(gaps))
     if len(gaps):
         bits = int(gaps.max()).bit_length()
         writer.uniform([bits], 48)
         writer.uniform(gaps, 1 << bits)
-    if head.leads:
+    if head.leads or head.mirrored:
         _write_leads(writer, head.leads, len(gaps))
     if head.seen is not None:
         write_gaps(writer, head.seen)
@@ -76,13 +96,14 @@ def read_head(
     usual_still: tuple[int, ...],
     usual_sliding: tuple[int, ...],
     led: bool = False,
+    mirrored: bool = False,
 ) -> Head:
-    """Return what `write_head` was given; ``led``: whether it has leads.
+    """Return what `write_head` was given; ``led`` and ``mirrored``: see `MotionFile`.
 
     Raises `DamagedError`.
     """
-    references = _read_references(reader)
-    leads = _read_leads(reader, len(references), frames) if led else ()
+    references = _read_references(reader, mirrored)
+    leads = _read_leads(reader, len(references), frames, led) if led or mirrored else ()
     if rig.kind == "markers":
         seen = read_gaps(reader, frames, rig.skeleton.joints)
         return Head(references, (), (), seen, _read_fines(reader, rig.skeleton.joints), leads)
@@ -93,21 +114,21 @@ def read_head(
     return Head(references, still, sliding, None, fines, leads)
 
 
-def read_references(core: bytes) -> tuple[int, ...]:
-    """Return the references that a clip's first core names. Raises `DamagedError`."""
-    return _read_references(SymbolReader(core))
+def read_references(file: MotionFile) -> tuple[Named, ...]:
+    """Return the references that a file's first core names. Raises `DamagedError`."""
+    return _read_references(SymbolReader(file.cores[0]), file.mirrored)
 
 
-def read_leads(core: bytes, frames: int) -> tuple[Lead, ...]:
-    """Return the leads that the first core of a clip of ``frames`` names, if the clip is led.
+def read_leads(file: MotionFile) -> tuple[Lead, ...]:
+    """Return the leads that a file's first core names. Raises `DamagedError`."""
+    if not (file.led or file.mirrored):
+        return ()
+    reader = SymbolReader(file.cores[0])
+    references = _read_references(reader, file.mirrored)
+    return _read_leads(reader, len(references), file.frames, file.led)
 
-    Raises `DamagedError`.
-    """
-    reader = SymbolReader(core)
-    return _read_leads(reader, len(_read_references(reader)), frames)
 
-
-def _read_references(reader: SymbolReader) -> tuple[int, ...]:
+def _read_references(reader: SymbolReader, mirrored: bool) -> tuple[Named, ...]:
     count = reader.number()
     if count > MOST_REFERENCES:
         raise DamagedError(f"claims {count} references")
@@ -115,7 +136,8 @@ def _read_references(reader: SymbolReader) -> tuple[int, ...]:
         return ()
     bits = int(reader.uniform(1, 48)[0])
     gaps = reader.uniform(count, 1 << bits)
-    return tuple((np.cumsum(gaps + 1) - 1).tolist())
+    codes = (np.cumsum(gaps + 1) - 1).tolist()
+    return tuple(Named(code >> 1, bool(code & 1)) if mirrored else Named(code) for code in codes)
 
 
 def _write_leads(writer: SymbolWriter, leads: tuple[Lead, ...], references: int) -> None:
@@ -131,9 +153,9 @@ def _write_leads(writer: SymbolWriter, leads: tuple[Lead, ...], references: int)
         before = lead.stop
 
 
-def _read_leads(reader: SymbolReader, references: int, frames: int) -> tuple[Lead, ...]:
+def _read_leads(reader: SymbolReader, references: int, frames: int, led: bool) -> tuple[Lead, ...]:
     count, leads, before = reader.number(), [], 0
-    if not references or not 0 < count <= frames:
+    if not references or not int(led) <= count <= frames:
         raise DamagedError(f"claims {count} leads by {references} references")
     for _ in range(count):
         reference = int(reader.uniform(1, references)[0])
