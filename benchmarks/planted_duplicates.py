@@ -15,7 +15,9 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from motion_sets import SETS, clip_files
@@ -25,8 +27,12 @@ from motifold.catalog.catalogfolder import Catalog
 from motifold.catalog.duplicates import Pair, find_duplicates
 from motifold.catalog.indexing import update_catalog
 from motifold.codec.clip import SkeletonClip
+from motifold.codec.figure.bodyparts import body_parts
+from motifold.codec.figure.mirror import SIGNS, Mirror
+from motifold.codec.figure.rig import bends_of, bone_means, found_family, rig_of
 from motifold.codec.formats.files import clip_bytes, read_clip
-from motifold.codec.geometry.kinematics import local_rotations, world_positions, world_rotations
+from motifold.codec.geometry.kinematics import local_rotations, world_rotations
+from motifold.codec.patterns.signals import relative_rotations
 from motifold.pipeline.archive import Archive
 from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.plan import Settings
@@ -78,29 +84,31 @@ def moved(clip: SkeletonClip) -> SkeletonClip:
     return replace(clip, rotations=rotations, translations=translations)
 
 
-def mirrored(clip: SkeletonClip) -> SkeletonClip:
-    """Return the mirror image of a clip whose joints' sides are ``_L`` and ``_R``.
-
-    The axes of joints are turned over by the reflection that fits best: a rig need not be
-    symmetric.
-    """
-    names = list(clip.skeleton.names)
-    sides = {"_L": "_R", "_R": "_L"}
-    image = np.array([names.index(n[:-2] + sides[n[-2:]]) if n[-2:] in sides else i
-                      for i, n in enumerate(names)])  # fmt: skip
+def mirrored(clip: SkeletonClip, mirror: Mirror) -> SkeletonClip:
+    """Return the mirror image of a clip on the same bones, as tools make it."""
+    partner, axes = (np.array(each) for each in zip(*mirror, strict=True))
     world = world_rotations(clip.skeleton, clip.rotations)
     glass = np.array([-1.0, 1.0, 1.0])
-    wanted = world_positions(clip.skeleton, world, clip.translations)[:, image] * glass
-    best, least = clip, np.inf
-    for axes in ([1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, -1]):
-        turned = np.diag(glass) @ world[:, image] @ np.diag(axes)
-        moved = clip.translations[:, image] * axes
-        moved[:, 0] = clip.translations[:, 0] * glass
-        made = replace(clip, rotations=local_rotations(clip.skeleton, turned), translations=moved)
-        gap = float(np.abs(world_positions(clip.skeleton, turned, moved) - wanted).max())
-        if gap < least:
-            best, least = made, gap
-    return best
+    turned = np.diag(glass) @ world[:, partner] * SIGNS[axes][:, None]
+    translations = clip.translations.copy()
+    for joint in np.flatnonzero(np.ptp(clip.translations, axis=0).max(axis=1) > 0.0).tolist():
+        above = int(clip.skeleton.parents[joint])
+        signs = glass if above < 0 else SIGNS[axes[above]]
+        translations[:, joint] = clip.translations[:, partner[joint]] * signs
+    rotations = local_rotations(clip.skeleton, turned)
+    return replace(clip, rotations=rotations, translations=translations)
+
+
+def mirror_of(files: list[Path]) -> Mirror:
+    """Return how the figure of some clips looks in a mirror."""
+    clips = [clip for clip in map(read_clip, files) if isinstance(clip, SkeletonClip)]
+    usual = np.zeros((clips[0].skeleton.joints, 3, 3))
+    for clip in clips:
+        rig = rig_of(clip, body_parts(clip.skeleton))
+        world = world_rotations(clip.skeleton, clip.rotations)
+        for part in rig.parts:
+            usual[list(part.joints)] += relative_rotations(rig.parts, part, world).mean(axis=0)
+    return found_family(rig, usual, bone_means(clip), bends_of(clip.rotations), 20.0).mirror
 
 
 def noisy(clip: SkeletonClip) -> SkeletonClip:
@@ -113,11 +121,11 @@ def noisy(clip: SkeletonClip) -> SkeletonClip:
     return replace(clip, rotations=rotations, translations=translations)
 
 
-KINDS: dict[str, Callable[[SkeletonClip], SkeletonClip]] = {
+Way: TypeAlias = Callable[[SkeletonClip], SkeletonClip]
+KINDS: dict[str, Way] = {
     "cropped": cropped,
     "resampled": halved,
     "moved": moved,
-    "mirrored": mirrored,
     "noise": noisy,
 }
 
@@ -130,7 +138,9 @@ def plant(files: list[Path], library: Path) -> dict[frozenset[str], str]:
     read = ((path, read_clip(path)) for path in files)
     some = ((path, clip) for path, clip in read if 3.0 < clip.frames * clip.frame_time < 12.0)
     planted = {}
-    for kind in ("renamed", *KINDS):
+    mirror = mirror_of(files[:20])
+    ways: dict[str, Way] = {**KINDS, "mirrored": partial(mirrored, mirror=mirror)}
+    for kind in ("renamed", "cropped", "resampled", "moved", "mirrored", "noise"):
         for _ in range(OF_EACH):
             path, clip = next(some)
             copy = library / f"planted_{kind}_{path.name}"
@@ -143,7 +153,7 @@ def plant(files: list[Path], library: Path) -> dict[frozenset[str], str]:
                 clip = faster(clip)
                 (library / path.name).unlink()
                 (library / path.name).write_bytes(clip_bytes(clip, "bvh"))
-            copy.write_bytes(clip_bytes(KINDS[kind](clip), "bvh"))
+            copy.write_bytes(clip_bytes(ways[kind](clip), "bvh"))
     return planted
 
 

@@ -71,7 +71,7 @@ def write_traits(
         lengths=np.array([trait.landmarks.length for trait in traits], np.uint32),
         depths=np.array([trait.depth for trait in traits], np.uint8),
     )
-    # xz rather than zip's deflate, of which machines have different makes: a quarter smaller, too
+    # a quarter smaller than with zip's deflate
     whole = lzma.compress(data.getvalue())
     write_whole(traits_path(archive, generation), digest(whole).encode() + whole)
 
