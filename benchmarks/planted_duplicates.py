@@ -38,6 +38,7 @@ from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.plan import Settings
 from motifold.pipeline.run import archive_library
 
+PLANTED = "renamed", "cropped", "resampled", "moved", "mirrored", "noise"
 OF_EACH = 4
 FASTER = 4  # Bandai's 30 frames a second become 120
 LABELS = re.compile(r"(?P<set>dataset-\d)_(?P<content>.+)_(?P<style>[^_]+)_\d+\.bvh$")
@@ -140,7 +141,7 @@ def plant(files: list[Path], library: Path) -> dict[frozenset[str], str]:
     planted = {}
     mirror = mirror_of(files[:20])
     ways: dict[str, Way] = {**KINDS, "mirrored": partial(mirrored, mirror=mirror)}
-    for kind in ("renamed", "cropped", "resampled", "moved", "mirrored", "noise"):
+    for kind in PLANTED:
         for _ in range(OF_EACH):
             path, clip = next(some)
             copy = library / f"planted_{kind}_{path.name}"
@@ -220,11 +221,11 @@ def main() -> None:
                     }
                 ),
             }
-            for kind in ("renamed", *KINDS)
+            for kind in PLANTED
         },
         "bytes_a_frame_of_the_cheaper_one": {
             kind: sorted(round(shares[pair], 3) for pair, how in planted.items() if how == kind)
-            for kind in KINDS
+            for kind in PLANTED[1:]
         },
         "others_told": [
             [pair.kind, pair.clip, pair.other, pair.distance]
