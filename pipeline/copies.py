@@ -57,6 +57,7 @@ def find_copies(
     shared: dict[tuple[int, int, bool], list[tuple[int, int]]] = defaultdict(list)
     asked = [(number, clip, False) for number, clip in enumerate(clips)]
     asked += [(number, clip, True) for number, clip in enumerate(images, first) if clip]
+    looked = {(number, mirrored): len(clip.frames) for number, clip, mirrored in asked}
     for number, clip, mirrored in asked:
         if not len(clip.frames):
             continue
@@ -74,7 +75,8 @@ def find_copies(
         if stride is None:
             continue
         votes, shift = _agreed(pairs, stride)
-        if votes >= min(LEAST_SHARED, max(lengths[copy], 2)):
+        # of an image other frames may be landmarks, so others may be all that it has
+        if votes >= min(LEAST_SHARED, max(looked[copy, mirrored], 2)):
             length = clips[original].length
             ranked[copy].append((-votes, -length, original, shift, stride, mirrored))
     return [[Copy(*each[2:]) for each in sorted(votes)[:MOST_ORIGINALS]] for votes in ranked]

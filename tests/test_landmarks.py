@@ -120,3 +120,16 @@ def test_originals_come_first(levels: dict[str, int], pairs: list[tuple[str, str
         wished = 1 + max((found[each] for each in originals[name]), default=-1)  # type: ignore[index]
         assert level >= wished or wished > HIGHEST_LEVEL
         assert level in (levels[name], wished) or wished > HIGHEST_LEVEL
+
+
+def test_an_image_with_two_landmarks_is_found_by_them() -> None:
+    """A clip may have more landmarks than its image, which is what is laid beside others."""
+    rng = np.random.default_rng(8)
+
+    def some(frames: list[int]) -> Landmarks:
+        poses = 90.0 * rng.normal(size=(len(frames), NUMBERS))
+        return Landmarks(np.array(frames), poses.astype(np.float32), 100, 1 / 30)
+
+    original, copy = some([20, 60]), some([10, 30, 50, 70, 90])
+    assert find_copies([original, copy], 1, [original]) == [[], [Copy(0, 0, 1, True)]]
+    assert find_copies([original, copy], 1) == [[], []]
