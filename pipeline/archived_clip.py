@@ -23,7 +23,7 @@ from ..codec.version2.motionhead import read_leads, read_references
 from .indexreader import read_index
 from .layout import index_path
 from .ledger import Ledger, Row
-from .shelf import Shelf
+from .shelf import Found, Shelf
 
 
 class Opened(Protocol):
@@ -222,7 +222,11 @@ class ArchivedClip:
         if parts is not None:
             wanted = with_ancestors(self.rig.parts, self.skeleton, parts)
         clip = self.archive.shelf.decode(
-            file, self.rig, core_only=tier == "preview", start=first, stop=last, parts=wanted
+            Found(file, self.rig, self.path),
+            core_only=tier == "preview",
+            start=first,
+            stop=last,
+            parts=wanted,
         )
         return only_parts(clip.slice(first, max(first, last)), self.rig, parts)
 

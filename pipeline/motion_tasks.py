@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -30,9 +29,11 @@ from ..codec.version2.motionhead import Named
 from .archive import Archive
 from .durable import digest
 from .indexreader import read_index
+from .kept import Kept
 from .layout import index_path
 from .ledger import Failure
 from .plan import Settings
+from .shelf import Found
 from .tasks import EncodedBatch, EncodedClip, Prepared, attempt, lost_failures
 from .traits import Traits
 
@@ -136,14 +137,14 @@ def recall_batch(
     for named in wanted:
         number = named.number
         with suppress(MotifoldError):
-            file = read_index(index_path(archive.path, rows[number].index))
-            rig = archive.rig(rows[number].rig)
+            path = index_path(archive.path, rows[number].index)
+            file, rig = read_index(path), archive.rig(rows[number].rig)
             if not isinstance(file, MotionFile):
                 continue
             depth = archive.shelf.depth(file)
             if depth >= DEEPEST_REFERENCE:
                 continue
-            decoded = archive.shelf.states(file, rig)
+            decoded = archive.shelf.states(Found(file, rig, path))
             if not decoded.states:
                 continue  # no frames: nothing to refer to
             offered = decoded.states, decoded.nodes
@@ -215,14 +216,14 @@ def save_reference(path: Path, reference: Reference) -> None:
     partial.replace(path)
 
 
-_cache: OrderedDict[Path, Reference] = OrderedDict()
+_cache: Kept[Path, Reference] = Kept(CACHED_BYTES)
 
 
 def _reference(path: Path) -> Reference:
     """Return what a worker left. Raises `ArchiveError`."""
-    if path in _cache:
-        _cache.move_to_end(path)
-        return _cache[path]
+    known = _cache.get(path)
+    if known is not None:
+        return known
     try:
         with np.load(path) as arrays:
             memory = Memory(arrays["keys"], arrays["follows"])
@@ -234,10 +235,7 @@ def _reference(path: Path) -> Reference:
             file=path,
             advice="All workers must see the archive folder under the same path",
         ) from problem
-    _cache[path] = reference
-    while len(_cache) > 1 and sum(kept.size for kept in _cache.values()) > CACHED_BYTES:
-        _cache.popitem(last=False)
-    return reference
+    return _cache.keep(path, reference, reference.size)
 
 
 def lost_sketches(batch: Sequence[Prepared]) -> Sketched:

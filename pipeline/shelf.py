@@ -1,13 +1,12 @@
 """Decoding index files of version 2 of an open archive, with the clips that they refer to.
 
 A clip decodes after the clips that it is predicted from, and those after theirs: a few levels.
-What was decoded for others is kept, so that a second clip like the first costs little more.
+What was decoded is kept for a while, for others that are like it, or like its mirror image, and
+for who asks for the clip itself.
 """
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -19,15 +18,23 @@ from ..codec.clip import Clip
 from ..codec.errors import DamagedError
 from ..codec.figure.mirror import image_parts
 from ..codec.figure.rig import Rig
-from ..codec.version2.motiondecode import Decoded, decode_motion, decode_states, parts_read
+from ..codec.version2.motiondecode import (
+    Decoded,
+    decode_motion,
+    decode_states,
+    decoded_clip,
+    parts_read,
+)
 from ..codec.version2.motionfile import MotionFile
 from ..codec.version2.motionhead import Named, read_references
 from .indexreader import read_index
+from .kept import Kept
 from .layout import index_path
 from .ledger import Ledger
 from .store import Store
 
-KEPT_BYTES = 192 << 20  # of decoded clips that others refer to
+REFERENCE_BYTES = 192 << 20  # of what decoded clips offer to others
+DECODED_BYTES = 128 << 20  # of decoded clips themselves
 DEEPEST = 16
 
 
@@ -53,10 +60,9 @@ class Shelf:
     def __init__(self, store: Store, find: Callable[[int, bool], Found]) -> None:
         self._store = store
         self._find = find
-        self._kept: OrderedDict[tuple[Named, str, int, Parts], Reference] = OrderedDict()
+        self._offered: Kept[tuple[Named, str, int, Parts], Reference] = Kept(REFERENCE_BYTES)
+        self._decoded: Kept[tuple[Path, Parts], Decoded] = Kept(DECODED_BYTES)
         self._depths: dict[int, int] = {}
-        self._held = 0
-        self._lock = threading.RLock()
 
     @classmethod
     def of(cls, archive: Path, store: Store, ledgers: Mapping[int, Ledger]) -> Shelf:
@@ -90,23 +96,24 @@ class Shelf:
 
     def decode(
         self,
-        file: MotionFile,
-        rig: Rig,
+        found: Found,
         *,
         core_only: bool = False,
         start: int = 0,
         stop: int | None = None,
         parts: Collection[int] | None = None,
     ) -> Clip:
-        """Return the clip of an index file; see `decode_motion`.
+        """Return a clip from its index file; see `decode_states`.
 
         ``parts``: numbers of the body parts that are wanted, and of those above them; of others,
         here and in the references, as little is read and decoded as the files allow. Raises
         `DamagedError`.
         """
-        model = self.model(rig, file.generation)
-        family = self._store.families[rig.family_key]
+        file, rig, _ = found
+        model, family = self.model(rig, file.generation), self._store.families[rig.family_key]
         read = parts_read(file, rig, family, model, parts, core_only)
+        if not core_only and (start, stop) in ((0, None), (0, file.frames)):
+            return decoded_clip(self._states(found, 0, read), rig)
         references = self._references(file, rig, file.generation, 0, read)
         return decode_motion(
             *(file, rig, family, model, references),
@@ -116,11 +123,9 @@ class Shelf:
             parts=read,
         )
 
-    def states(self, file: MotionFile, rig: Rig) -> Decoded:
-        """Return an index file decoded in whole numbers. Raises `DamagedError`."""
-        model, family = self.model(rig, file.generation), self._store.families[rig.family_key]
-        references = self._references(file, rig, file.generation, 0, None)
-        return decode_states(file, rig, family, model, references)
+    def states(self, found: Found) -> Decoded:
+        """Return a clip decoded in whole numbers. Raises `DamagedError`."""
+        return self._states(found, 0, None)
 
     def depth(self, file: MotionFile) -> int:
         """Return how many levels of clips must be decoded before a file. Raises `DamagedError`."""
@@ -148,11 +153,10 @@ class Shelf:
     def _reference(
         self, named: Named, rig: Rig, generation: int, depth: int, parts: Parts
     ) -> Reference:
-        for key in ((named, model_key(rig), generation, held) for held in (None, parts)):
-            with self._lock:
-                if key in self._kept:
-                    self._kept.move_to_end(key)
-                    return self._kept[key]
+        keys = [(named, model_key(rig), generation, held) for held in (None, parts)]
+        known = self._offered.get(*keys)
+        if known is not None:
+            return known
         found = self._find(named.number, parts is not None)
         if model_key(found.rig) != model_key(rig):
             raise DamagedError(f"refers to clip {named.number}, which has another kind of rig")
@@ -163,7 +167,9 @@ class Shelf:
         if named.mirrored and parts is not None:
             wanted = image_parts(family.mirror, rig.parts, parts)
         try:
-            decoded, whole = self._read(found, depth + 1, wanted)
+            model = self.model(found.rig, found.file.generation)
+            read = parts_read(found.file, found.rig, family, model, wanted)
+            decoded = self._states(found, depth + 1, read)
         except DamagedError as problem:
             raise problem.within(found.path) from problem
         states, nodes = decoded.states, decoded.nodes
@@ -174,20 +180,15 @@ class Shelf:
                 raise DamagedError(f"refers to clip {named.number} in a mirror: it has no image")
             states, nodes = image
         made = reference_of(states, nodes, self.model(rig, generation))
-        key = (named, model_key(rig), generation, None if whole else parts)
-        with self._lock:
-            if key in self._kept:  # another thread was quicker
-                return self._kept[key]
-            self._kept[key] = made
-            self._held += made.size
-            while len(self._kept) > 1 and self._held > KEPT_BYTES:
-                self._held -= self._kept.popitem(last=False)[1].size
-        return made
+        return self._offered.keep(keys[0] if read is None else keys[1], made, made.size)
 
-    def _read(self, found: Found, depth: int, parts: Parts) -> tuple[Decoded, bool]:
-        """Return a clip decoded for some parts, and whether it was decoded whole."""
-        file, rig, _ = found
+    def _states(self, found: Found, depth: int, read: Parts) -> Decoded:
+        """Return a clip decoded for the parts that `parts_read` names."""
+        file, rig, path = found
+        known = self._decoded.get((path, None), (path, read))
+        if known is not None:
+            return known
         model, family = self.model(rig, file.generation), self._store.families[rig.family_key]
-        read = parts_read(file, rig, family, model, parts)
         references = self._references(file, rig, file.generation, depth, read)
-        return decode_states(file, rig, family, model, references, parts=read), read is None
+        decoded = decode_states(file, rig, family, model, references, parts=read)
+        return self._decoded.keep((path, read), decoded, decoded.size)

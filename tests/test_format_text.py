@@ -41,6 +41,7 @@ from motifold.codec.version2.motionhead import Named
 from motifold.pipeline import Archive
 from motifold.pipeline.indexreader import read_index
 from motifold.pipeline.layout import index_path
+from motifold.pipeline.shelf import Found
 
 FIXTURES = Path(__file__).parent / "fixtures"
 CLIPS = {2: 23, 3: 23, 4: 34, 5: 40}  # by version, of both jobs, replaced ones too
@@ -103,11 +104,12 @@ def test_the_frozen_clips_decode_from_the_text(
 ) -> None:
     for number in range(share, len(archive.numbered), 8):
         found, row = frozen.clip(number), archive.numbered[number]
-        file = read_index(index_path(frozen.folder, row.index))
+        path = index_path(frozen.folder, row.index)
+        file = read_index(path)
         assert isinstance(file, MotionFile)
         assert_header(found.header, file)
         assert (frozen.names[number], found.header.frames) == (row.name, row.frames)
-        assert_same(found, archive.shelf.states(file, archive.rig(row.rig)))
+        assert_same(found, archive.shelf.states(Found(file, archive.rig(row.rig), path)))
 
 
 def test_the_frozen_archive_has_all_kinds(

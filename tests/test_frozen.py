@@ -14,6 +14,7 @@ from motifold.codec.version1.index_file import IndexFile
 from motifold.pipeline import Archive, ArchivedClip
 from motifold.pipeline.executors import SerialExecutor
 from motifold.pipeline.restore import restore_clips
+from motifold.pipeline.shelf import Found
 from motifold.pipeline.verify import verify_archive
 
 FIXTURES = Path(__file__).parent / "fixtures"
@@ -35,7 +36,7 @@ def integers_of(archive: Archive, clip: ArchivedClip) -> list[IntArray]:
     if isinstance(index, IndexFile):
         codebook = archive.codebook(clip.rig.family_key, index.generation)
         return decode_integers(index, clip.rig, codebook)
-    return list(archive.shelf.states(index, clip.rig).states)
+    return list(archive.shelf.states(Found(index, clip.rig, clip.path)).states)
 
 
 def test_every_version_is_here() -> None:

@@ -18,6 +18,7 @@ from motifold.codec.clip import MarkerClip
 from motifold.codec.version1.decode import decode_integers
 from motifold.codec.version1.index_file import IndexFile
 from motifold.pipeline.archive import Archive
+from motifold.pipeline.shelf import Found
 
 
 def digest(arrays: Iterable[npt.NDArray[np.generic]], kind: str) -> str:
@@ -38,7 +39,7 @@ def main() -> None:
                     codebook = archive.codebook(clip.rig.family_key, index.generation)
                     states = list(decode_integers(index, clip.rig, codebook))
                 else:
-                    states = list(archive.shelf.states(index, clip.rig).states)
+                    states = list(archive.shelf.states(Found(index, clip.rig, clip.path)).states)
                 shown = clip.decode()
                 if isinstance(shown, MarkerClip):
                     floats = [shown.positions]

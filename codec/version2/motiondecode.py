@@ -42,6 +42,11 @@ class Decoded:
     nodes: Nodes
     states: tuple[IntArray, ...]
 
+    @property
+    def size(self) -> int:
+        """Bytes of memory that it takes."""
+        return sum(state.nbytes for state in self.states)
+
 
 def step_units(code: int) -> int:
     """Return the step of a code in 2^-24 cm."""
@@ -154,6 +159,11 @@ def decode_motion(
         stop=stop,
         parts=parts,
     )
+    return decoded_clip(decoded, rig)
+
+
+def decoded_clip(decoded: Decoded, rig: Rig) -> Clip:
+    """Return the clip of decoded runs. Raises `DamagedError`."""
     try:
         return clip_of(rig, decoded.nodes, decoded.states, decoded.head.seen)
     except (FloatingPointError, ValueError) as problem:
