@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from clips import Recipe, family_of, marker_bench, recipes, skeleton_bench
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -69,6 +69,21 @@ def test_centres_are_the_chordal_means(seed: int, spread: float) -> None:
             continue
         off = Rotation.from_matrix(family.centre_rotations[joint]).inv() * expected[joint]
         assert off.magnitude() < 2e-4 + 1e-6 * 30 / max(singular[1], 1e-9)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=3, max_size=3), st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_half_a_turn_is_stored_as_one_of_its_two_signs(axis: list[float], seed: int) -> None:
+    """Whatever the last bits are: both signs say the same."""
+    assume(np.linalg.norm(axis) > 0.1)
+    rig = skeleton_bench(Recipe(1, joints=4)).rig
+    turn = Rotation.from_rotvec(np.pi * np.array(axis) / np.linalg.norm(axis)).as_matrix()
+    rng = np.random.default_rng(seed)
+    usual = np.array([turn + rng.uniform(-1e-15, 1e-15, (3, 3)) for _ in range(4)])
+    family = found_family(rig, usual, rig.skeleton.offsets, np.zeros((4, 3, 3)), 20.0)
+    for centre in family.centres:
+        assert centre[np.flatnonzero(centre)[0]] > 0
+    assert np.abs(np.diff(family.centres, axis=0)).max() <= 1  # rounded to whole numbers
 
 
 def test_a_family_without_frames_stands_straight() -> None:

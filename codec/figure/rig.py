@@ -227,6 +227,9 @@ def found_family(
     signs[:, 2] = np.linalg.det(u @ vt)
     usually = (u * signs[:, None, :]) @ vt
     centres = np.rint(to_quaternions(usually) * CENTRE_SCALE)
+    # of half a turn both signs are the same: the one whose first number is positive
+    first = np.take_along_axis(centres, (centres != 0).argmax(axis=1)[:, None], axis=1)
+    centres *= np.sign(first)
     skeleton = replace(rig.skeleton, offsets=bones)
     mirror = find_mirror(skeleton.names, skeleton.parents, rig.parts, usually, bones)
     hinged = tuple(range(1, joints)) if local else _hinged(bends)
