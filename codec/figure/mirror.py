@@ -21,6 +21,7 @@ Mirror: TypeAlias = tuple[tuple[int, int], ...]
 """Per joint its partner, and which of 1, i, j, k is u; empty for a figure without an image."""
 
 SIGNS = np.array([[-1, -1, -1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]])  # the diagonal of S, by u
+ROOTS = (1, 0, 2, 3)  # u of the root: that of the world first, where all are as good
 APART = 1.4  # of two usual poses, root of the sum of squares: half of what a turned axis makes
 LONGER = 0.25  # of a bone, by which its partner may differ
 SHORT = 2.0  # centimetres, by which any may
@@ -43,7 +44,7 @@ def find_mirror(
     if partners is None or not len(partners) or (parents[1:] < 0).any():
         return ()
     anchors, usual = _relative(parents, parts, centres)
-    found = [_axes_from(root, partners, parents, anchors, usual, bones) for root in range(4)]
+    found = [_axes_from(root, partners, parents, anchors, usual, bones) for root in ROOTS]
     off, axes = min(found, key=lambda each: each[0])
     return tuple(zip(partners, axes, strict=True)) if off < np.inf else ()
 
