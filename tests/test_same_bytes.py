@@ -68,7 +68,26 @@ def test_systems_are_solved(square: np.ndarray, columns: int) -> None:
     usual = np.sqrt(np.diag(square)) + 1e-6
     normal = square / np.outer(usual, usual) + 0.01 * np.eye(len(square))
     wanted = np.random.default_rng(columns).normal(0.0, 1.0, (len(square), columns))
-    np.testing.assert_allclose(solved(normal, times(normal, wanted)), wanted, atol=1e-9)
+    found = solved(normal, times(normal, wanted), 0.01)
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+
+
+@given(squares(), st.integers(0, 2**32 - 1))
+@settings(max_examples=60)
+def test_systems_that_rounding_has_made_indefinite_have_finite_solutions(
+    square: np.ndarray, seed: int
+) -> None:
+    noise = np.random.default_rng(seed).normal(0.0, 1e-3, square.shape)
+    usual = np.sqrt(np.diag(square)) + 1e-6
+    normal = square / np.outer(usual, usual) + noise + noise.T + 1e-6 * np.eye(len(square))
+    found = solved(normal, np.ones((len(square), 2)), 1e-6)
+    assert np.isfinite(found).all()
+    kept = found[:, 0] != 0.0
+    if np.linalg.eigvalsh(normal)[0] > 1e-4:
+        np.testing.assert_allclose(found[:, 0], np.linalg.solve(normal, np.ones(len(normal))))
+    else:  # those that were not dropped solve their own system
+        left = normal[np.ix_(kept, kept)] @ found[kept, 0] - 1.0
+        assert np.abs(left).max(initial=0.0) < 1e-9 * np.abs(found).max(initial=1.0)
 
 
 def test_products_are_weighted_means() -> None:

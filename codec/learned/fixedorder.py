@@ -84,29 +84,42 @@ def add_products(
 
 
 @compiled
-def solved(normal: FloatArray, target: FloatArray) -> FloatArray:
-    """Return X of ``normal`` X = ``target``; ``normal`` is positive definite (Cholesky)."""
+def solved(normal: FloatArray, target: FloatArray, ridge: float) -> FloatArray:
+    """Return X of ``normal`` X = ``target`` (Cholesky), (rows, columns).
+
+    ``normal``: positive, with ``ridge`` added to its diagonal, so that no pivot is smaller. One
+    that is has lost its digits: that row says what others said before, and gets zeros.
+    """
     size, columns = target.shape
     lower = np.zeros((size, size))
-    out = target.copy()
+    out = np.zeros((size, columns))
     for i in range(size):
-        for j in range(i + 1):
-            rest = normal[i, j]
-            for k in range(j):
-                rest -= lower[i, k] * lower[j, k]
-            lower[i, j] = math.sqrt(rest) if i == j else rest / lower[j, j]
-    for i in range(size):
+        for j in range(i):
+            if lower[j, j] > 0.0:
+                rest = normal[i, j]
+                for k in range(j):
+                    rest -= lower[i, k] * lower[j, k]
+                lower[i, j] = rest / lower[j, j]
+        pivot = normal[i, i]
+        for k in range(i):
+            pivot -= lower[i, k] * lower[i, k]
+        if pivot < 0.5 * ridge:
+            lower[i, :i] = 0.0
+            continue
+        lower[i, i] = math.sqrt(pivot)
+        out[i] = target[i]
         for k in range(i):
             for c in range(columns):
                 out[i, c] -= lower[i, k] * out[k, c]
         for c in range(columns):
             out[i, c] /= lower[i, i]
     for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
+        if lower[i, i] > 0.0:
+            for k in range(i + 1, size):
+                for c in range(columns):
+                    out[i, c] -= lower[k, i] * out[k, c]
             for c in range(columns):
-                out[i, c] -= lower[k, i] * out[k, c]
-        for c in range(columns):
-            out[i, c] /= lower[i, i]
+                out[i, c] /= lower[i, i]
     return out
 
 

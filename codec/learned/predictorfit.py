@@ -146,7 +146,8 @@ def _weights(own: FloatArray, both: FloatArray, step: float) -> IntArray:
     """
     usual = np.sqrt(np.maximum(np.diag(own), 0.0)) + 1e-6
     ridge = RIDGE * min(step / 0.1, 6.0)
-    moved = solved(own / np.outer(usual, usual) + ridge * np.eye(len(own)), both / usual[:, None])
+    normal = own / np.outer(usual, usual) + ridge * np.eye(len(own))
+    moved = solved(normal, both / usual[:, None], ridge)
     allowed = ROUNDING_SHARE * step / usual * (1 << WEIGHT_BITS)
     bits = np.clip(np.frexp(allowed)[1] - 1, 0, 15)[:, None]
     fine = moved / usual[:, None] * (1 << WEIGHT_BITS)

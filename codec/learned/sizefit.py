@@ -102,7 +102,7 @@ def _fitted(x: FloatArray, sizes: IntArray) -> FloatArray:
         slope, curve = _scores(x, contiguous, known, *_tables())
         slope = slope / len(x) + ridge * (known - begin)
         curve = curve / len(x) + np.diag(ridge)
-        step = solved(curve, slope[:, None])[:, 0]
+        step = solved(curve, slope[:, None], 2.0 * min(HOLD, RIDGE))[:, 0]
         largest = np.abs(step).max()
         known = known - step * min(1.0, LARGEST_SCORING / max(largest, SETTLED))
         if largest < SETTLED:
