@@ -61,7 +61,8 @@ def assigned(
             others = [each for each in chosen if each not in first]
             wishes.append(Wish(name, [*first, *others][:most], copies[name]))
         levels.append(wishes)
-        finder.add([own.sketches[name] for name in members])
+        imaged = [name in images.sketches for name in members]
+        finder.add([own.sketches[name] for name in members], imaged)
         order += members
     return levels
 

@@ -48,10 +48,15 @@ class ReferenceFinder:
         self._tree: cKDTree | None = None
         self._owner = np.zeros(0, np.int64)
         self._lengths: list[int] = []
+        self._imaged: list[bool] = []
 
-    def add(self, sketches: Sequence[Sketch]) -> None:
-        """Add candidates; they are numbered in the order in which they come."""
+    def add(self, sketches: Sequence[Sketch], imaged: Sequence[bool] | None = None) -> None:
+        """Add candidates; they are numbered in the order in which they come.
+
+        ``imaged``: which of them have a mirror image; None if all have.
+        """
         self._moments += sketches
+        self._imaged += [True] * len(sketches) if imaged is None else imaged
         self._lengths += [len(sketch) for sketch in sketches]
         self._tree = None
 
@@ -80,6 +85,7 @@ class ReferenceFinder:
             _, first = np.unique(row, return_index=True)
             rank = np.argsort(np.argsort(first))
             votes[row[first]] += 1.0 / (2.0 + rank)
+        votes[count:] *= self._imaged
         chosen: list[Candidate] = []
         moments = 0
         for candidate in np.argsort(-votes, kind="stable").tolist():

@@ -143,3 +143,12 @@ def test_what_is_like_the_image_is_found_in_the_mirror() -> None:
     assert {number for number, mirrored in finder.find(image, own) if mirrored} == {2}
     assert finder.find(own, own + 1000.0)[0] == (2, False)
     assert not any(mirrored for _, mirrored in finder.find(own, own + 1000.0))
+
+
+def test_a_candidate_without_an_image_is_not_found_in_the_mirror() -> None:
+    rng = np.random.default_rng(7)
+    own, image = sketch(rng, 20, 30.0), sketch(rng, 20, 30.0)
+    finder = ReferenceFinder(2)
+    finder.add([image, image + 0.5, image + 1.0], [False, True, True])
+    found = [each for each in finder.find(own, image) if each.mirrored]
+    assert [each.number for each in found] == [1, 2]  # and another one takes its place
