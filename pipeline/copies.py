@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Hashable, Mapping, Sequence
+from itertools import zip_longest
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -57,6 +58,11 @@ def find_copies(
     shared: dict[tuple[int, int, bool], list[tuple[int, int]]] = defaultdict(list)
     asked = [(number, clip, False) for number, clip in enumerate(clips)]
     asked += [(number, clip, True) for number, clip in enumerate(images, first) if clip]
+    # the image has other landmarks than its clip: both together say how noisy a clip is
+    noise = lengths[:first] + [
+        length + (len(image.frames) if image else 0)
+        for length, image in zip_longest(lengths[first:], images)
+    ]
     looked = {(number, mirrored): len(clip.frames) for number, clip, mirrored in asked}
     for number, clip, mirrored in asked:
         if not len(clip.frames):
@@ -68,7 +74,7 @@ def find_copies(
         apart = owners[theirs] != number
         for own, other in zip(mine[apart].tolist(), theirs[apart].tolist(), strict=True):
             original = int(owners[other])
-            if _goes_first(clips, original, number, first):
+            if _goes_first(clips, noise, original, number, first):
                 shared[number, original, mirrored].append((own, int(frames[other])))
     for (copy, original, mirrored), pairs in sorted(shared.items()):
         stride = _stride(clips[copy], clips[original])
@@ -99,7 +105,9 @@ def after_originals(
     return out
 
 
-def _goes_first(clips: Sequence[Landmarks], one: int, other: int, first: int) -> bool:
+def _goes_first(
+    clips: Sequence[Landmarks], noise: Sequence[int], one: int, other: int, first: int
+) -> bool:
     """Return whether ``other`` may be a copy of ``one``, and not the other way round."""
     if other < first:
         return False
@@ -107,8 +115,8 @@ def _goes_first(clips: Sequence[Landmarks], one: int, other: int, first: int) ->
         return True
     # of more frames a second, longer, with less noise, which makes landmarks
     ranks = [
-        (clip.frame_time, -clip.length, len(clip.frames), number)
-        for number, clip in ((one, clips[one]), (other, clips[other]))
+        (clips[number].frame_time, -clips[number].length, noise[number], number)
+        for number in (one, other)
     ]
     return ranks[0] < ranks[1]
 
