@@ -39,6 +39,7 @@ VARIANTS: dict[str, Mapping[str, Any]] = {
     "no references": {"references": 0},
     "2 references": {"references": 2},
     "8 references": {"references": 8},
+    "no mirror images": {"without": ("mirrors",)},
     "prediction not learned": {"model": "basis"},
     "nothing learned": {"model": "fixed"},
     "neither": {"references": 0, "model": "fixed"},
