@@ -45,7 +45,7 @@ class Decoded:
     @property
     def size(self) -> int:
         """Bytes of memory that it takes."""
-        return sum(state.nbytes for state in self.states)
+        return self.nodes.table.nbytes + sum(state.nbytes for state in self.states)
 
 
 def step_units(code: int) -> int:
