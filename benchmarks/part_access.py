@@ -54,8 +54,7 @@ def main() -> None:
                 path = Path(folder, streams)
                 if what == "whole clip":
                     settings = Settings(parse_length(text), streams=streams)  # type: ignore[arg-type]
-                    archive_library(options.library, path, settings, workers=0)
-                size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+                    size = archive_library(options.library, path, settings, workers=0).archive_bytes
                 parts = None if what == "whole clip" else [options.part]
                 figures = measure(path, parts, options.clips, options.repeat)
                 rows.append((text, streams, f"{size:,}", what, *figures))
